@@ -76,7 +76,7 @@ def joint_gaussian(data: Any, matrix: Any, noise: Any, load: Any, error: Any, st
         load: H (k, d).
         error: Covariance of r (k, k).
         start: Mean (d,) and covariance (d, d) at the first frame.
-        index: The coordinate that is told of.
+        index: The coordinate whose moments are returned.
     """
     data, load = np.atleast_2d(np.asarray(data, float).T).T, np.asarray(load, float)
     count, size = len(data), load.shape[1]

@@ -94,9 +94,9 @@ def check_exact(sites: Mapping[str, Site], states: Any) -> None:
 
 def overflow_message(names: list[str]) -> str:
     """What to do about them."""
-    told = ", ".join(map(repr, names))
+    listed = ", ".join(map(repr, names))
     return (
-        f"integers of site {told} reach 2^24 = {LARGEST}, from where float32 loses units. Call "
+        f"integers of site {listed} reach 2^24 = {LARGEST}, from where float32 loses units. Call "
         "jax.config.update('jax_enable_x64', True) first, or let the first frame be as large, so that the site gets two "
         "coordinates"
     )

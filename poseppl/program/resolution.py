@@ -108,7 +108,7 @@ def count_sites(trace_of: TraceOf, dimension: int, inputs: Any) -> list[str]:
 
 def coarse_data(observation: Observation, noise: Mapping[str, np.ndarray[Any, Any]]) -> dict[str, str]:
     """For each site whose data are rounded by more than a quarter of their noise, a sentence that says so."""
-    told = {}
+    found_notes = {}
     for name, deviation in noise.items():
         values = np.abs(np.asarray(observation.values[name]))
         spacing = np.where(np.asarray(observation.mask[name]), np.spacing(values), 0.0)
@@ -116,11 +116,11 @@ def coarse_data(observation: Observation, noise: Mapping[str, np.ndarray[Any, An
             index = np.unravel_index(int(np.argmax(spacing / deviation)), values.shape)
             level = np.broadcast_to(deviation, values.shape)[index]
             or_x64 = ", or call jax.config.update('jax_enable_x64', True) first" if values.dtype == np.float32 else ""
-            told[name] = (
+            found_notes[name] = (
                 f"observation {name!r}: numbers as large as {values[index]:.3g} are {spacing[index]:.2g} apart in "
                 f"{values.dtype}, and the noise is {level:.2g}: rounding decides. Subtract a level from data and model{or_x64}"
             )
-    return told
+    return found_notes
 
 
 def large_counts(observation: Observation) -> dict[str, int]:

@@ -87,7 +87,7 @@ def infer_batch(
         names: Names of the series (S,); 0, 1, ... if None.
         attrs: Provenance: anything that JSON can hold.
         history_mib: Room for what smoothers start from, of all series, MiB; as :func:`poseppl.infer` takes it.
-        progress: Who is told how many series are done.
+        progress: Who is attributes how many series are done.
 
     Returns:
         A result with the dimension ``series`` in every group, NaN after the end of a series; ``sample_stats/num_frames`` has
@@ -124,14 +124,14 @@ def infer_batch(
     for text in failures:
         note(text)
     warnings = [*model.rounding_notes(observations).values(), *failures]
-    told = {
+    attributes = {
         **built.provenance,
         **(attrs or {}),
         **angles_of(model),
         **fingerprint_of(model),
         **({"warnings": warnings} if warnings else {}),
     }
-    return _result(whole, model, stacked, ends, called, told)
+    return _result(whole, model, stacked, ends, called, attributes)
 
 
 def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:

@@ -85,7 +85,7 @@ def infer(
         frames: Frame numbers (T,), whole and increasing; 0, 1, ... if None.
         rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
-        progress: Who is told how the run goes.
+        progress: Who is warned how the run goes.
         checkpoint: Where the run is saved, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
@@ -122,8 +122,8 @@ def infer(
         frame_numbers=None if frames is None else np.asarray(frames).tolist(),
         history_mib=history_mib,
     )
-    told = run._replace(warnings=(*warnings, *run.warnings))
-    return result_of_run(told, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
+    warned = run._replace(warnings=(*warnings, *run.warnings))
+    return result_of_run(warned, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
 
 
 def smooth(

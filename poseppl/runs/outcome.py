@@ -77,12 +77,12 @@ def result_of_run(
         The result; see :mod:`poseppl.runs.results`.
     """
     parts = parts_of_run(run)
-    told = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
+    attributes = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
     rounded = [] if observations is None else list(model.rounding_notes(observations).values())
     if rounded:
-        told["warnings"] = [*rounded, *told.get("warnings", [])]
+        attributes["warnings"] = [*rounded, *attributes.get("warnings", [])]
     return build_result(
-        **{**parts, "attrs": told},
+        **{**parts, "attrs": attributes},
         names=Names(model.coordinate_names, values=model.finite_values),
         observed=None if observations is None else _with_nan(observations),
         truth=None if truth is None else Truth(state=truth),

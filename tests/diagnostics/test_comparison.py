@@ -189,7 +189,7 @@ def test_variance_between_seeds_is_that_of_the_mean() -> None:
 
 
 def test_the_error_of_a_variance_between_seeds_is_the_jackknifes() -> None:
-    """By leaving each of five seeds out and computing the sample variance of the other four anew."""
+    """By leaving each of five seeds out and computing the sample variance of the other four."""
     means = np.random.default_rng(3).normal(size=(5, 4, 2))
     sd = np.array([0.5, 3.0])
     figures = xr.Dataset(

@@ -56,8 +56,8 @@ class SmoothSettings(NamedTuple):
 def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Scene[SceneData] | None = None) -> xr.DataTree:
     """Smooth a result of :func:`poseppl.motion.tracking.track.track`.
 
-    The smoother starts from the filter's history, or from the draws where the result holds none. The model is built anew from
-    the provenance. A smoother that follows ancestors needs all particles of the filter, which runs again if they are not held.
+    The smoother starts from the filter's history, or from the draws where the result holds none. The model is rebuilt from the
+    provenance. A smoother that follows ancestors needs all particles of the filter, which runs again if they are not held.
 
     Args:
         tree: The result.
