@@ -119,7 +119,7 @@ def test_moments_are_those_of_a_mixture_of_statures(filtered: xr.DataTree, smoot
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)
     weights = weights / weights.sum()
     problem = problem_of_result(filtered)
-    history = history_of_result(at_mean_stature(filtered))
+    history = history_of_result(at_mean_stature(filtered), jax.random.key(0))
     smoother = laplace_smoother(problem.model)
     centre = np.zeros(problem.model.dimension)
     centre[:3] = problem.inputs.cameras.value.centre[0]
