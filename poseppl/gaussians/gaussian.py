@@ -36,10 +36,23 @@ class RootGaussian(NamedTuple):
         return self.scale @ jnp.swapaxes(self.scale, -1, -2)
 
 
+@jax.custom_jvp
 def triangular(root: Array) -> Array:
     """L, lower triangular (d, d) of a diagonal that is not negative, with L L^T = B B^T for B (d, n), n at least d."""
     lower: Array = jnp.linalg.qr(root.T, mode="r").T
     return lower * jnp.where(diagonal(lower) < 0, -1.0, 1.0)
+
+
+@triangular.defjvp
+def _triangular_derivative(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    """That of a Cholesky factor; coordinates without variance stay so, where QR's own derivative is not finite."""
+    (root,), (change,) = primals, tangents
+    lower = triangular(root)
+    known = diagonal(lower) == 0
+    whiten = solve_triangular(lower + jnp.diag(known.astype(lower.dtype)), jnp.eye(len(lower), dtype=lower.dtype), lower=True)
+    moved = whiten @ (root @ change.T + change @ root.T) @ whiten.T
+    moved = jnp.where(known[:, None] | known, 0.0, moved)
+    return lower, lower @ (jnp.tril(moved) - 0.5 * jnp.diag(diagonal(moved)))
 
 
 def semidefinite_root(covariance: Array) -> Array:

@@ -67,7 +67,7 @@ def test_first_frames_alone_are_what_the_filter_gives(
     live = LiveTrack(folders, calibration, frames, SETTINGS, lambda note: None, rate=60.0)
     how: Any = {"clocks": Clocks(60.0, find=False), "rate": 60.0, "mend": False, "frames": f":{FRAMES}"}
     scene = scene_of_keypoints(folders, calibration, **how).scene
-    whole = track(scene, SETTINGS)
+    whole = track(scene, SETTINGS._replace(history_mib=0))  # which frames that come one by one do not keep
     same(live.finish(), whole)
     np.testing.assert_array_equal(live.estimate.mean, whole["summary"].dataset["markers_mean"])
     assert (live.estimate.lower <= live.estimate.upper).all()
