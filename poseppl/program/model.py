@@ -66,7 +66,10 @@ class StateSpaceModel(NamedTuple):
         drawn = {"initial": initial, "transition": transition, "observation": observation}
         randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        arguments = example, state, inputs
+        arguments = jax.tree.map(
+            lambda leaf: jnp.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf,
+            (example, state, inputs),
+        )
         dependent = dependent_data(observation.sites, lambda values: trace_program(self.observation, arguments, values=values))
         noiseless = tuple(
             name
