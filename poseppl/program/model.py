@@ -11,7 +11,7 @@ import numpy as np
 
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
-from poseppl.program.dependent_data import dependent_data
+from poseppl.program.dependent_data import DependentData, dependent_data
 from poseppl.program.execution import Randomness, trace_program
 from poseppl.program.large_integers import with_large_integers
 
@@ -66,17 +66,27 @@ class StateSpaceModel(NamedTuple):
         drawn = {"initial": initial, "transition": transition, "observation": observation}
         randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        arguments = jax.tree.map(
-            lambda leaf: jnp.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf,
-            (example, state, inputs),
-        )
-        dependent = dependent_data(observation.sites, lambda values: trace_program(self.observation, arguments, values=values))
+        dependent = self._dependence_of_data(observation.sites, (example, state, inputs))
         noiseless = tuple(
             name
             for name, site in sites.items()
             if not site.discrete and (initial.sites[name].noiseless or transition.sites[name].noiseless)
         )
         return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent)
+
+    def _dependence_of_data(self, sites: dict[str, Any], arguments: tuple[Any, ...]) -> DependentData | None:
+        """How data sites depend on one another, at arguments of which shapes alone may be known."""
+        leaves, tree = jax.tree.flatten(arguments)
+        found: list[DependentData | None] = []
+
+        def look(given: list[Any]) -> None:
+            rest = iter(given)
+            full = [next(rest) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf for leaf in leaves]
+            known = jax.tree.unflatten(tree, full)
+            found.append(dependent_data(sites, lambda values: trace_program(self.observation, known, values=values)))
+
+        jax.eval_shape(look, [leaf for leaf in leaves if isinstance(leaf, jax.ShapeDtypeStruct)])
+        return found[0]
 
     def __getattr__(self, name: str) -> Any:
         """Say what to do where a model is used that is not compiled."""
