@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
+from poseppl.errors import brief, cut
+
 _COUNTS = ("num_", "max_", "horizon")
 """What the names of counts begin with."""
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
@@ -24,8 +26,7 @@ class RangeError(ValueError):
     """
 
     def __init__(self, setting: str, value: Any, expected: str) -> None:
-        shown = repr(value) if isinstance(value, str) else value
-        super().__init__(f"{setting} is {shown}. Expected {expected}.")
+        super().__init__(f"{setting} is {brief(value) if isinstance(value, str) else cut(value)}. Expected {expected}.")
         self.setting, self.value, self.expected = setting, value, expected
 
 

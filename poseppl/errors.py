@@ -2,10 +2,53 @@
 
 from __future__ import annotations
 
+import reprlib
 from os import PathLike
 from typing import NamedTuple
 
 FilePath = str | PathLike[str]
+MAX_MESSAGE = 1000
+"""Characters of what is wrong, and of what is expected, in an error."""
+MAX_SHOWN = 4000
+"""Characters of any text that the command line shows at once."""
+_MAX_VALUE, _MAX_FIELD, _MAX_FILE = 80, 120, 400
+
+
+class _Repr(reprlib.Repr):
+    """A representation that visits no more of a value than it shows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxlong, self.maxother = 3, _MAX_VALUE, _MAX_VALUE, _MAX_VALUE
+
+    def repr_int(self, x: int, level: int) -> str:
+        """An integer; Python refuses to write those of thousands of digits."""
+        return super().repr_int(x, level) if x.bit_length() < 1000 else f"an integer of {x.bit_length()} bits"
+
+
+_REPR = _Repr()
+
+
+def cut(text: object, length: int = MAX_MESSAGE) -> str:
+    """A text of at most so many characters: the middle of a longer one becomes three dots.
+
+    >>> cut("0123456789", 7)
+    '01...89'
+    """
+    whole = str(text)
+    if len(whole) <= length:
+        return whole
+    start, end = (length - 2) // 2, (length - 3) // 2
+    return f"{whole[:start]}...{whole[-end:]}"
+
+
+def brief(value: object) -> str:
+    """A value as messages quote it: as ``repr``, of at most 80 characters.
+
+    >>> brief("knee"), brief([1] * 1000)
+    ("'knee'", '[1, 1, 1, 1, 1, 1, ...]')
+    """
+    return cut(_REPR.repr(value), _MAX_VALUE)
 
 
 class PosepplError(Exception):
@@ -32,9 +75,10 @@ class InputError(PosepplError):
         field: str | None = None,
         expected: str | None = None,
     ) -> None:
-        where = [str(part) for part in (file, f"line {line}" if line else None, field) if part is not None]
-        message = f"{', '.join(where)}: {problem}" if where else problem
-        told = f"{message} (expected {expected})" if expected else message
+        place = ((file, _MAX_FILE), (f"line {line}" if line else None, _MAX_FIELD), (field, _MAX_FIELD))
+        where = [cut(part, length) for part, length in place if part is not None]
+        message = f"{', '.join(where)}: {cut(problem)}" if where else cut(problem)
+        told = f"{message} (expected {cut(expected)})" if expected else message
         super().__init__("".join(letter if letter.isprintable() else "?" for letter in told))
 
 

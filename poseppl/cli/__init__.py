@@ -29,7 +29,7 @@ from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
-from poseppl.errors import PosepplError, SettingError
+from poseppl.errors import MAX_SHOWN, PosepplError, SettingError, cut
 
 EPILOG = """\b
 Exit status:
@@ -106,6 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             status = cli.main(given, prog_name="poseppl", standalone_mode=False)
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
+        error.message = cut(error.message)
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as error:
@@ -131,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _say(message: str, debug: bool) -> None:
     if debug:
         traceback.print_exc()
-    print(f"poseppl: {message}", file=sys.stderr, flush=True)
+    print(f"poseppl: {cut(message, MAX_SHOWN)}", file=sys.stderr, flush=True)
 
 
 def _first_line(error: Exception) -> str:

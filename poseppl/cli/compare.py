@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import common_options
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 
 EXAMPLES = """
 \b
@@ -95,7 +95,7 @@ def _named(words: tuple[str, ...]) -> dict[str, Path]:
             name, path = Path(word).stem, word
         if name in files:
             raise InputError(
-                f"a second run called {name!r}, after {files[name]}", file=path, expected=f"another name: NAME={path}"
+                f"a second run called {brief(name)}, after {files[name]}", file=path, expected=f"another name: NAME={path}"
             )
         files[name] = Path(path)
     return files

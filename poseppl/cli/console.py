@@ -21,6 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from poseppl.errors import MAX_SHOWN, cut
 from poseppl.files.cache_folder import cache_folder
 from poseppl.threads import spare_threads
 
@@ -136,7 +137,7 @@ class ConsoleProgress:
 
     def note(self, message: str) -> None:
         """Tell of something, above the bar."""
-        self.console.print(f"poseppl: {message}", markup=False)
+        self.console.print(f"poseppl: {cut(message, MAX_SHOWN)}", markup=False)
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> None:
@@ -178,4 +179,8 @@ def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
     if worst.severity in _STYLES or not quiet:
         console = Console(stderr=quiet, soft_wrap=True, highlight=False)
         start = "poseppl: " if quiet else ""
-        console.print(f"{start}{about}{worst.severity}: {worst.text}{more}", style=_STYLES.get(worst.severity), markup=False)
+        console.print(
+            f"{start}{about}{worst.severity}: {cut(worst.text, MAX_SHOWN)}{more}",
+            style=_STYLES.get(worst.severity),
+            markup=False,
+        )

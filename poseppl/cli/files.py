@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, cut
 from poseppl.files.atomic_writing import atomic_path
 
 
@@ -26,7 +26,7 @@ def contents_of(*results: str | Path) -> Iterator[None]:
     try:
         yield
     except (AttributeError, LookupError, TypeError, ValueError) as error:
-        reason = (str(error).strip().splitlines() or [""])[0][:120]
+        reason = cut((str(error).strip().splitlines() or [""])[0], 120)
         expected = "a result as poseppl track or smooth wrote it; if it is one, --debug shows where this came up"
         raise InputError(
             f"its contents cannot be used: {type(error).__name__}: {reason}",

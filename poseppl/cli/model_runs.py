@@ -16,7 +16,7 @@ import xarray as xr
 from poseppl.cli.options import chosen
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
-from poseppl.errors import InputError, UnsuitableModelError
+from poseppl.errors import InputError, UnsuitableModelError, brief
 from poseppl.filters.suitability import suited_filters
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
@@ -144,5 +144,5 @@ def _rows(text: str | None) -> slice:
     except ValueError:
         numbers = []
     if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
-        raise InputError(f"{text!r}", field="--frames", expected="A:B or A:B:C, such as 0:200:2")
+        raise InputError(brief(text), field="--frames", expected="A:B or A:B:C, such as 0:200:2")
     return slice(*numbers)

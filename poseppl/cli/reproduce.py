@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import common_options, worker_options
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment
 
 EXAMPLES = """
@@ -68,7 +68,7 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     experiment = find_experiment(paper)
     for part in parts:
         if part not in experiment.parts:
-            raise click.BadParameter(f"{paper} has no part {part!r}; its parts are {', '.join(experiment.parts)}")
+            raise click.BadParameter(f"{paper} has no part {brief(part)}; its parts are {', '.join(experiment.parts)}")
     folder = options["folder"] or paper
     with ConsoleProgress(options["quiet"], doing="computing", unit="jobs").running() as progress:
         reproduce(
@@ -97,5 +97,5 @@ def _recording(word: str) -> Any:
     name, equals, files = word.partition("=")
     path, _, skeleton = files.partition(",")
     if not (name and equals and path):
-        raise InputError(f"{word!r}", field="--motion", expected="NAME=FILE or NAME=FILE,SKELETON")
+        raise InputError(brief(word), field="--motion", expected="NAME=FILE or NAME=FILE,SKELETON")
     return Recording.of_file(name, path, skeleton or None)

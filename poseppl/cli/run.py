@@ -10,7 +10,7 @@ import click
 
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 
 EXAMPLES = """
 \b
@@ -58,7 +58,7 @@ def _read_settings(context: click.Context, option: click.Parameter, path: str | 
     for name, value in read_toml(path).items():
         if name not in known or name in _NOT_OF_FILES:
             expected = ", ".join(sorted(set(known) - set(_NOT_OF_FILES)))
-            raise InputError(f"no option {name!r} of a settings file", file=path, expected=expected)
+            raise InputError(f"no option {brief(name)} of a settings file", file=path, expected=expected)
         given = [f"{key}={each}" for key, each in value.items()] if isinstance(value, dict) else value
         defaults[str(known[name].name)] = given
     context.default_map = {**(context.default_map or {}), **defaults}

@@ -9,7 +9,7 @@ import click
 
 from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.track_live import check_live_usage, live_options
-from poseppl.errors import InputError, Location, PosepplError
+from poseppl.errors import InputError, Location, PosepplError, brief
 
 _ONLY = (
     "layout",
@@ -153,9 +153,9 @@ def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, 
     for word in words:
         camera, equals, value = str(word).partition("=")
         if not (camera and equals and value):
-            raise InputError(f"{str(word)[:80]!r}", field=option, expected=expected)
+            raise InputError(brief(word), field=option, expected=expected)
         if camera in found:
-            raise InputError(f"the camera {camera!r} comes twice", field=option, expected="each camera once")
+            raise InputError(f"the camera {brief(camera)} comes twice", field=option, expected="each camera once")
         found[camera] = value
     return found
 

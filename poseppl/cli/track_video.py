@@ -12,7 +12,7 @@ import click
 from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import CommandWithSettings
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 
 MANY = ("--video", "--background", "--occlusion", "--masks", "--keypoints")
 _ONLY = ("calibration", "background", "occlusion", "masks", "facing", "silhouette_noise", "refine", "edges")
@@ -127,7 +127,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
     rate = given_rate(options)
     frames = FrameRange.parse(options["frames"])
     if frames.step > 1:
-        raise InputError(f"{options['frames']!r}", field="--frames", expected="A:B, frames A to B - 1 of the videos")
+        raise InputError(brief(options["frames"]), field="--frames", expected="A:B, frames A to B - 1 of the videos")
     start, stop = frames.start, frames.stop
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)

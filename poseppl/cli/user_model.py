@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.files.table_reading import NumberTable, read_table
 from poseppl.files.user_code import file_of_module, import_named
 from poseppl.program import CompiledModel, StateSpaceModel
@@ -50,7 +50,7 @@ def load_programs(name: str) -> StateSpaceModel:
     found = getattr(module, attribute, None)
     if found is None:
         known = [key for key, value in vars(module).items() if isinstance(value, StateSpaceModel)]
-        raise InputError(f"{place} has no {attribute!r}", field="MODEL", expected=", ".join(known) or _EXPECTED)
+        raise InputError(f"{place} has no {brief(attribute)}", field="MODEL", expected=", ".join(known) or _EXPECTED)
     if callable(found) and not isinstance(found, StateSpaceModel):
         try:
             found = found()
@@ -97,7 +97,7 @@ def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> 
     missing = [name for name in input_names if name not in table.columns]
     if missing:
         expected = f"some of {', '.join(table.columns)}"
-        raise InputError(f"no column {missing[0]!r}", file=path, field="--inputs", expected=expected)
+        raise InputError(f"no column {brief(missing[0])}", file=path, field="--inputs", expected=expected)
     return table, {name: np.asarray(table.columns[name], np.float64) for name in input_names} or None
 
 

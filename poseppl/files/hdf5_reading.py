@@ -14,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, cut
 from poseppl.files.bounded_reading import check_file
 
 MAX_BYTES = 2**30
@@ -57,7 +57,7 @@ def child(group: Any, name: str, at: Location) -> Any:
     Raises:
         InputError: It is missing, or a link.
     """
-    where = at.in_field(f"{group.name.rstrip('/')}/{name}"[:80])
+    where = at.in_field(f"{group.name.rstrip('/')}/{name}")
     link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
     if link is None:
         raise where.error("it is missing")
@@ -73,7 +73,7 @@ def array(group: Any, name: str, at: Location) -> Any:
         InputError: It is missing, a link, elsewhere, too large, or holds anything but numbers and texts of bounded length.
     """
     item = child(group, name, at)
-    where = at.in_field(item.name[:80])
+    where = at.in_field(item.name)
     declared = declared_bytes(item, where, "iufbSV")
     if declared > MAX_BYTES or declared > DEFLATE * item.file.id.get_filesize() + _SLACK:
         expected = f"at most {MAX_BYTES // 2**20} MiB, and what a file of this size can hold"
@@ -99,7 +99,7 @@ def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
         raise at.error("its values lie elsewhere", "data in the file itself")
     text, count = h5py.check_string_dtype(item.dtype), math.prod(item.shape)
     if text is None and (item.dtype.hasobject or item.dtype.kind not in kinds):
-        raise at.error(f"values of type {str(item.dtype)[:60]}", "numbers or texts")
+        raise at.error(f"values of type {cut(item.dtype, 60)}", "numbers or texts")
     declared = int(count * item.dtype.itemsize)
     if text is None or text.length is not None:
         return declared
@@ -118,7 +118,7 @@ def attribute(item: Any, name: str, at: Location) -> Any:
         return None
     stored = item.attrs.get_id(name)
     if stored.get_storage_size() > MAX_ATTRIBUTE_BYTES or h5py.check_ref_dtype(stored.dtype) is not None:
-        raise at.in_field(name[:80]).error("an attribute that is too large, or a reference", "a text or numbers")
+        raise at.in_field(name).error("an attribute that is too large, or a reference", "a text or numbers")
     return item.attrs[name]
 
 

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.bounded_reading import check_file
 from poseppl.files.hdf5_reading import DEFLATE, child, declared_bytes, open_hdf5
 
@@ -62,7 +62,7 @@ def check_netcdf(path: FilePath, *, expected: str, max_bytes: int | None = None)
             total += declared
             if total > DEFLATE * size + _SLACK:
                 problem = f"{size} bytes declare {total / 2**20:.0f} MiB, more than any compression packs"
-                raise Location(path, field=name[:80]).error(problem, expected)
+                raise Location(path, field=name).error(problem, expected)
             if total > limit:
                 _refuse_bytes(path, total, limit)
 
@@ -74,7 +74,7 @@ def _limit() -> int:
     try:
         return int(float(given) * 2**30)
     except (ValueError, OverflowError) as error:
-        raise InputError(f"{given[:40]!r}", field="POSEPPL_MAX_GIB", expected="a number of GiB") from error
+        raise InputError(brief(given), field="POSEPPL_MAX_GIB", expected="a number of GiB") from error
 
 
 def _refuse_bytes(path: FilePath, total: int, limit: int) -> NoReturn:
@@ -92,7 +92,7 @@ def _walk(at: Location, root: h5py.File) -> Iterator[tuple[str, int]]:
     num_groups = 0
     while waiting:
         group, depth = waiting.pop()
-        here = at.in_field(group.name[:80])
+        here = at.in_field(group.name)
         num_groups += 1
         if num_groups > MAX_GROUPS or depth > MAX_DEPTH:
             raise here.error("too many groups", f"at most {MAX_GROUPS}, {MAX_DEPTH} levels deep")
@@ -101,7 +101,7 @@ def _walk(at: Location, root: h5py.File) -> Iterator[tuple[str, int]]:
         yield group.name, _attribute_bytes(here, group)
         for name in group:
             inner = child(group, name, at)
-            where = at.in_field(f"{group.name.rstrip('/')}/{name}"[:80])
+            where = at.in_field(f"{group.name.rstrip('/')}/{name}")
             address = h5py.h5o.get_info(inner.id).addr
             if address in seen:
                 raise where.error("an object of two names", "each group and variable once")

@@ -4,6 +4,9 @@ A pickle is a program that may call anything. So its operations are read first, 
 plain values are made of. Names of functions are compared with the few that NumPy's arrays are pickled with, and stand for
 functions of ours that check what they are given: the array's kind, shape and bytes have to agree. No name is imported.
 
+A small pickle may hold one value many times, and so become huge when it is hashed, copied or written out. Keys of a dict are
+therefore texts and numbers alone, and arrays together have no more bytes than the pickle could bring along.
+
 >>> import pickle
 >>> plain_of_pickle(pickle.dumps({"size": [2, 3]}), Location("size.pickle"))
 {'size': [2, 3]}
@@ -20,14 +23,14 @@ import pickle
 import pickletools
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from poseppl.errors import InputError, Location
+from poseppl.errors import InputError, Location, brief, cut
 
-MAX_OPERATIONS = 1_000_000
-MAX_VALUES = 1_000_000
+MAX_OPERATIONS = 400_000
+MAX_VALUES = 400_000
 MAX_DIMENSIONS = 8
 _EXPECTED = "numbers, texts, lists, dicts and arrays"
 _OPERATIONS = frozenset(
@@ -41,6 +44,8 @@ _OPERATIONS = frozenset(
         """,
     )
 )
+_PurePython: Any = pickle._Unpickler
+"""Its table of operations may be changed, unlike that of the unpickler in C; type checkers do not know it."""
 _PUTS = frozenset(("PUT", "BINPUT", "LONG_BINPUT"))
 _KIND = re.compile("[<>=|]?[fiub][1248]", re.ASCII)
 
@@ -51,7 +56,7 @@ class _Kind:
     def __init__(self, name: Any = "", *_: Any) -> None:
         name = name.decode("latin-1") if isinstance(name, bytes) else name
         if not isinstance(name, str) or not _KIND.fullmatch(name):
-            raise ValueError(f"an array of {str(name)[:20]!r}")
+            raise ValueError(f"an array of {brief(name)}")
         self.name = name.lstrip("<>=|")
         self.order = "<"
 
@@ -69,7 +74,7 @@ class _Kind:
             raise ValueError("an array's shape")
         kind = np.dtype(self.order + self.name)
         if math.prod(shape) * kind.itemsize != len(data):
-            raise ValueError(f"an array of shape {shape} in {len(data)} bytes")
+            raise ValueError(f"an array of shape {brief(shape)} in {len(data)} bytes")
         return np.frombuffer(bytes(data), kind).reshape(shape, order="F" if fortran else "C").astype(kind.newbyteorder("="))
 
 
@@ -77,11 +82,13 @@ class _Array:
     """An array that is being made."""
 
     value: Any = None
+    nbytes = 0
 
     def __setstate__(self, state: Any) -> None:
         if not isinstance(state, tuple) or len(state) != 5 or not isinstance(state[2], _Kind):
             raise ValueError("an array's state")
         self.value = state[2].array(state[4], state[1], state[3])
+        self.nbytes = self.value.nbytes
 
 
 class _Name:
@@ -134,16 +141,65 @@ for _package in ("numpy.core", "numpy._core"):
     _NAMES[f"{_package}.numeric", "_frombuffer"] = _Name(_from_buffer)
 
 
-class _Unpickler(pickle.Unpickler):
-    """An unpickler that imports nothing."""
+class _Unpickler(_PurePython):  # type: ignore[misc]
+    """An unpickler that imports nothing, hashes no more than texts and numbers, and makes no more bytes than it was given."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(io.BytesIO(data), encoding="latin1")
+        self._bytes_left = 4 * len(data)
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in _NAMES:
-            raise pickle.UnpicklingError(f"the pickle asks for {module[:60]}.{name[:60]}")
+            raise pickle.UnpicklingError(f"the pickle asks for {cut(module, 60)}.{cut(name, 60)}")
         return _NAMES[module, name]
 
     def persistent_load(self, pid: Any) -> Any:
         raise pickle.UnpicklingError("the pickle refers to another file")
+
+    def _load_items(self) -> None:
+        """The values since the mark are keys and values in turn."""
+        items = self.pop_mark()
+        _set_items(self.stack[-1], items)
+
+    def _load_item(self) -> None:
+        value, key = self.stack.pop(), self.stack.pop()
+        _set_items(self.stack[-1], [key, value])
+
+    def _load_dict(self) -> None:
+        items = self.pop_mark()
+        self.append(_set_items({}, items))
+
+    def _load_reduce(self) -> None:
+        super().load_reduce()
+        self._count_bytes()
+
+    def _load_build(self) -> None:
+        super().load_build()
+        self._count_bytes()
+
+    def _count_bytes(self) -> None:
+        made = self.stack[-1]
+        self._bytes_left -= len(made) if isinstance(made, bytes) else getattr(made, "nbytes", 0)
+        if self._bytes_left < 0:
+            raise pickle.UnpicklingError("the pickle makes more bytes than it has")
+
+    dispatch: ClassVar[dict[int, Callable[..., Any]]] = {
+        **_PurePython.dispatch,
+        pickle.SETITEM[0]: _load_item,
+        pickle.SETITEMS[0]: _load_items,
+        pickle.DICT[0]: _load_dict,
+        pickle.REDUCE[0]: _load_reduce,
+        pickle.BUILD[0]: _load_build,
+    }
+
+
+def _set_items(table: Any, items: list[Any]) -> Any:
+    """Set keys and values, in turn, of a dict."""
+    keys, values = items[::2], items[1::2]
+    if type(table) is not dict or not all(isinstance(key, str | bytes | int | float | None) for key in keys):
+        raise pickle.UnpicklingError("the pickle has a key that is no text or number")
+    table.update(zip(keys, values, strict=True))
+    return table
 
 
 def plain_of_pickle(data: bytes, at: Location) -> Any:
@@ -158,7 +214,7 @@ def plain_of_pickle(data: bytes, at: Location) -> Any:
     """
     try:
         _check_operations(data)
-        value = _Unpickler(io.BytesIO(data), encoding="latin1").load()
+        value = _Unpickler(data).load()
         left = [MAX_VALUES]
         return _plain(value, left, 0)
     except InputError:
@@ -167,7 +223,7 @@ def plain_of_pickle(data: bytes, at: Location) -> Any:
         told = str(error)
         raise at.error(told if told.startswith("the pickle") else "a damaged pickle", _EXPECTED) from error
     except Exception as error:  # damaged bytes bring about anything
-        raise at.error(f"a damaged pickle, or one of something else: {str(error)[:120]}", _EXPECTED) from error
+        raise at.error(f"a damaged pickle, or one of something else: {cut(error, 120)}", _EXPECTED) from error
 
 
 def _check_operations(data: bytes) -> None:
@@ -185,7 +241,7 @@ def _plain(value: Any, left: list[int], depth: int) -> Any:
         raise pickle.UnpicklingError("the pickle holds too many values")
     make: Callable[[Any], Any] = lambda inner: _plain(inner, left, depth + 1)  # noqa: E731
     if isinstance(value, dict):
-        return {make(key): make(inner) for key, inner in value.items()}
+        return {key: make(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return type(value)([make(inner) for inner in value])
     if isinstance(value, _Array):

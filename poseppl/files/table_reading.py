@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.bounded_reading import check_file
 from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.decimal_numbers import decimal_number
 from poseppl.files.netcdf_reading import read_netcdf
 
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
@@ -65,7 +66,7 @@ def read_table(path: FilePath) -> NumberTable:
         variables = read_netcdf(path, expected=_EXPECTED).dataset.variables
         readers = {str(name): partial(_numbers, Location(path, field=str(name)), of.values) for name, of in variables.items()}
     else:
-        raise Location(path).error(f"a file of the kind {kind or 'of no kind'!r}", _EXPECTED)
+        raise Location(path).error(f"a file of the kind {brief(kind or 'of no kind')}", _EXPECTED)
     table = NumberTable({}, {})
     for name, read in readers.items():
         try:
@@ -78,9 +79,9 @@ def read_table(path: FilePath) -> NumberTable:
 def _columns_of_csv(path: FilePath) -> dict[str, _Read]:
     (at, names), *rows = list(rows_of_csv(path, empty=True)) or [(Location(path), [])]
     if len(set(names)) < len(names) or "" in names or not names:
-        raise at.error(f"its head is {names}", "a name for each column, all different")
+        raise at.error(f"its head is {brief(names)}", "a name for each column, all different")
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
-        raise at.error(f"its head is one column, {names[0]!r}", "commas between columns, and points in numbers")
+        raise at.error(f"its head is one column, {brief(names[0])}", "commas between columns, and points in numbers")
     if not rows:
         raise Location(path).error("no row below its head", "a row for each frame")
     places, words = zip(*rows, strict=True)
@@ -94,20 +95,15 @@ def _column(name: str, places: Sequence[Location], words: Sequence[str]) -> NDAr
         at, some = places[wrong[0]], any(not math.isnan(number) for number in numbers if number is not None)
         told = WordAmongNumbers if some else InputError
         more = f", as in {len(wrong) - 1} more rows" if len(wrong) > 1 else ""
-        raise told(
-            f"{words[wrong[0]]!r}{more}", file=at.file, line=at.line, field=name, expected="a number, or nothing where none is"
-        )
+        expected = "a finite decimal number, or nothing where none is"
+        raise told(f"{brief(words[wrong[0]])}{more}", file=at.file, line=at.line, field=name, expected=expected)
     return np.array(numbers, float)
 
 
 def _number(word: str) -> float | None:
     """The number that a word stands for, NaN where it is missing; None of another word."""
-    if word.lower() in _MISSING:
-        return float("nan")
-    try:
-        return float(word)
-    except ValueError:
-        return None
+    number = math.nan if word.lower() in _MISSING else decimal_number(word)
+    return None if number is None or math.isinf(number) else number
 
 
 def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:

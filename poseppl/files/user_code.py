@@ -7,7 +7,7 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 
 
 def import_named(place: str, field: str) -> ModuleType:
@@ -23,7 +23,7 @@ def import_named(place: str, field: str) -> ModuleType:
     try:
         return _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except Exception as error:  # the module's own code raises anything at all
-        raise InputError(f"cannot import {place!r}: {error}", field=field) from error
+        raise InputError(f"cannot import {brief(place)}: {error}", field=field) from error
 
 
 def file_of_module(name: str) -> str:

@@ -24,7 +24,7 @@ import numpyro.distributions as dist
 import poseppl.filters
 import poseppl.smoothers
 from poseppl.checks import RangeError
-from poseppl.errors import InputError, SettingError
+from poseppl.errors import InputError, SettingError, brief
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.settings import Setting, arguments_of, settings_of, summary_of
 
@@ -105,7 +105,7 @@ class Algorithms(Mapping[str, Algorithm]):
     def __getitem__(self, name: str) -> Algorithm:
         if name not in list(iter(self)):
             likely = ", ".join(get_close_matches(name, list(self)) or self)
-            raise InputError(f"{name!r} is no {self.kind}", expected=likely)
+            raise InputError(f"{brief(name)} is no {self.kind}", expected=likely)
         return Algorithm(self.kind, name, getattr(self._package, f"{name.replace('-', '_')}_{self.kind}"))
 
 

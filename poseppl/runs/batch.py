@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import rows_of
@@ -142,7 +142,7 @@ def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
     """
     known = batch["sample_stats"].dataset["num_frames"]
     if name not in known["series"].values:
-        raise InputError(f"the batch has no series {name!r}", expected=f"one of its {known.size}")
+        raise InputError(f"the batch has no series {brief(name)}", expected=f"one of its {known.size}")
     length = int(known.sel(series=name))
     one: xr.DataTree = batch.sel(series=name).isel(frame=slice(length))
     return one
@@ -309,7 +309,7 @@ def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[
         found = np.argwhere(frames & within)
         if found.size:
             count, (series, frame) = len(np.unique(found[:, 0])), found[0]
-            yield f"{count} of {len(names)} series, such as {names[series]!r} at frame {frame}: {what}"
+            yield f"{count} of {len(names)} series, such as {brief(names[series])} at frame {frame}: {what}"
 
 
 def _result(

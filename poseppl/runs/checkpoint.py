@@ -22,7 +22,7 @@ from typing import Any
 
 import jax
 
-from poseppl.errors import FilePath, PosepplError
+from poseppl.errors import FilePath, PosepplError, cut
 from poseppl.files.atomic_writing import remove_strays, write_atomically
 from poseppl.files.locks import take_lock
 from poseppl.files.store import Arrays, Note, Store, key_of
@@ -210,4 +210,4 @@ def _restored(arrays: Arrays, frames: int, state: Any, blank: Any) -> tuple[Any,
 def _difference(name: str, held: Any, wanted: Any) -> str:
     if name == "data, inputs and seed":
         return "other data, inputs or seed"
-    return f"{name}: {json.dumps(held)[:60]} there, {json.dumps(wanted)[:60]} here"
+    return f"{name}: {cut(json.dumps(held), 60)} there, {cut(json.dumps(wanted), 60)} here"

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, InputError, brief
 
 FRAME = "frame"
 """The column of frame numbers."""
@@ -52,7 +52,7 @@ def _array(
     missing = [each for each in names if each not in table]
     if missing:
         expected = f"{', '.join(names[:6])}; it has {', '.join([*table, *others])}"
-        raise InputError(f"no column {missing[0]!r}", file=path, expected=expected)
+        raise InputError(f"no column {brief(missing[0])}", file=path, expected=expected)
     return np.stack([table[each] for each in names], -1).reshape(-1, *shape)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from typing import Any
 
-from poseppl.errors import FilePath, InputError, PosepplError
+from poseppl.errors import FilePath, InputError, PosepplError, brief
 from poseppl.experiments.jobs.cluster import Cluster
 from poseppl.experiments.jobs.executor import Executor, Function, Inline, Outcome
 from poseppl.experiments.jobs.job import Job
@@ -108,7 +108,9 @@ def find_executor(executor: Executor | str | None) -> Executor:
     if not isinstance(executor, str):
         return executor
     if ":" not in executor:
-        raise InputError(f"no executor {executor!r}", expected="inline, processes, or a Dask scheduler such as tcp://host:8786")
+        raise InputError(
+            f"no executor {brief(executor)}", expected="inline, processes, or a Dask scheduler such as tcp://host:8786"
+        )
     return Cluster(executor)
 
 
@@ -121,7 +123,7 @@ def _check_function(function: Function) -> None:
     name = getattr(function, "__qualname__", "")
     main = function.__module__ == "__main__" and not hasattr(sys.modules["__main__"], "__file__") if name else False
     if not name.isidentifier() or main:
-        raise ValueError(f"{function!r} cannot be imported by another process. Define it at the top level of a module.")
+        raise ValueError(f"{brief(function)} cannot be imported by another process. Define it at the top level of a module.")
 
 
 def _by_key(jobs: Iterable[Job]) -> Mapping[str, Job]:

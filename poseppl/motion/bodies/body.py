@@ -24,7 +24,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.files.user_code import import_named
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
@@ -204,12 +204,14 @@ def load_builder(name: str) -> Callable[..., Any]:
     """
     place, colon, attribute = _entry_points().get(name, name).rpartition(":")
     if not colon:
-        raise InputError(f"{name!r} names no builder", field="--model", expected="package.module:builder or file.py:builder")
+        raise InputError(
+            f"{brief(name)} names no builder", field="--model", expected="package.module:builder or file.py:builder"
+        )
     module = import_named(place, "--model")
     found: Callable[..., Any] | None = getattr(module, attribute, None)
     if not callable(found):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
-        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known, 25))
+        raise InputError(f"{place} has no builder {brief(attribute)}", field="--model", expected="one of " + some(known, 25))
     return found
 
 
@@ -241,7 +243,7 @@ def installed_builder(name: str) -> Callable[..., Body]:
     shipped: tuple[str, ...] = importlib.import_module(_SHIPPED).BODIES
     others = _entry_points()
     if name not in (*shipped, *others, *others.values()):
-        problem = f"the file names the model {name[:80]!r}, which is none of the installed ones, and so is not run"
+        problem = f"the file names the model {brief(name)}, which is none of the installed ones, and so is not run"
         raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model BUILDER")
     return body_builder(name)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
 from poseppl.motion.io.motion import Motion
@@ -69,7 +69,7 @@ def match_markers(
     found: dict[str, list[str]] = {}
     for marker, points in (given or {}).items():
         if marker not in names:
-            raise InputError(f"the body has no marker {marker!r}", field="--names", expected="one of " + some(names, 20))
+            raise InputError(f"the body has no marker {brief(marker)}", field="--names", expected="one of " + some(names, 20))
         found[marker] = [motion.names[motion.index(point)] for point in points]
     for marker in names:
         if marker not in found:

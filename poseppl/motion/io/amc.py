@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.asf import Bone, Skeleton
 from poseppl.motion.io.motion import Motion, z_up
@@ -101,7 +101,7 @@ def _read_channels(path: FilePath, skeleton: Skeleton) -> dict[str, Floats]:
             first, frame, seen = (number if first is None else first), number, set()
             continue
         if first is None:
-            raise at.error(f"{words[0][:40]!r} before the first frame", "a frame number")
+            raise at.error(f"{brief(words[0])} before the first frame", "a frame number")
         _check_row(at, words, frame, bones.get(words[0]), seen, skeleton)
         seen.add(words[0])
         if words[0] in rows:
@@ -121,7 +121,7 @@ def _check_header(at: Location, words: list[str], skeleton: Skeleton) -> None:
 def _check_complete(at: Location, frame: int, moving: list[str], seen: set[str]) -> None:
     missing = [name for name in moving if name not in seen]
     if missing:
-        problem = f"frame {frame} lacks {missing[0]!r}" + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
+        problem = f"frame {frame} lacks {brief(missing[0])}" + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
         raise at.error(problem, "all bones with dof; is the file truncated?")
 
 
@@ -135,9 +135,9 @@ def _check_row(
 ) -> None:
     if bone is None:
         shown = words[0][:40]
-        raise at.error(f"the skeleton lacks the joint {shown!r}", f"a bone of {skeleton.source}")
+        raise at.error(f"the skeleton lacks the joint {brief(shown)}", f"a bone of {skeleton.source}")
     if bone.name in seen:
-        raise at.error(f"{bone.name!r} is repeated in frame {frame}")
+        raise at.error(f"{brief(bone.name)} is repeated in frame {frame}")
     if len(words) - 1 != len(bone.dof):
         dof = " ".join(bone.dof) or "none"
         problem = f"{len(words) - 1} values in frame {frame}"

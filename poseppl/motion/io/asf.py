@@ -16,7 +16,7 @@ import math
 import re
 from typing import NamedTuple
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_text
 from poseppl.files.csv_reading import Line
 from poseppl.motion.io.text_parsing import lines_of_words, parse_number, parse_numbers
@@ -92,7 +92,7 @@ def read_asf(path: FilePath) -> Skeleton:
         bones.append(raw[name]._replace(parent=index[parent]))
     missing = sorted(set(raw) - set(index))
     if missing:
-        raise ends[missing[0]].error(f"bone {missing[0]!r} is in no line of :hierarchy")
+        raise ends[missing[0]].error(f"bone {brief(missing[0])} is in no line of :hierarchy")
     return Skeleton(tuple(bones), mm, radians, position, str(path))
 
 
@@ -131,7 +131,7 @@ def _units(lines: _Lines) -> tuple[float, float]:
     if not 1e-4 <= value <= 1e4:
         raise at.error(f"unit of length {value:g}", "between 1e-4 and 1e4")
     if angle.lower() not in ("deg", "rad"):
-        raise at_angle.error(f"unit of angle {angle!r}", "deg or rad")
+        raise at_angle.error(f"unit of angle {brief(angle)}", "deg or rad")
     return MM_PER_INCH / value, 1.0 if angle.lower() == "rad" else math.pi / 180
 
 
@@ -145,7 +145,7 @@ def _three(at: Location, words: list[str], unit: float = 1.0) -> tuple[float, fl
 def _axis_order(at: Location, words: list[str]) -> str:
     order = "".join(words).upper()
     if sorted(order) != ["X", "Y", "Z"]:
-        raise at.error(f"axis order {order!r}", "a permutation of XYZ")
+        raise at.error(f"axis order {brief(order)}", "a permutation of XYZ")
     return order
 
 
@@ -153,7 +153,7 @@ def _channels(at: Location, words: list[str], allowed: tuple[str, ...]) -> tuple
     channels = tuple(word.lower() for word in words)
     for channel in channels:
         if channel not in allowed:
-            raise at.error(f"channel {channel!r} is not supported", " ".join(allowed))
+            raise at.error(f"channel {brief(channel)} is not supported", " ".join(allowed))
     if len(set(channels)) != len(channels):
         raise at.error("a channel is repeated")
     return channels
@@ -185,12 +185,12 @@ def _bones(lines: _Lines, mm: float, radians: float) -> tuple[dict[str, Bone], d
                 raise at.error("end of no bone, or of an empty one")
             bone = _bone(block, mm, radians)
             if bone.name in bones or bone.name == "root":
-                raise at.error(f"bone {bone.name!r} is repeated")
+                raise at.error(f"bone {brief(bone.name)} is repeated")
             bones[bone.name], ends[bone.name], block = bone, at, None
         elif block is not None:
             block.append((at, words))
         else:
-            raise at.error(f"{words[0]!r} outside a bone", "begin")
+            raise at.error(f"{brief(words[0])} outside a bone", "begin")
         if len(bones) > MAX_BONES:
             raise at.error(f"more than {MAX_BONES} bones")
     if block is not None:
@@ -227,12 +227,12 @@ def _hierarchy(lines: _Lines, known: set[str]) -> list[tuple[str, str]]:
             continue
         parent, *children = words
         if parent not in placed:
-            raise at.in_field("hierarchy").error(f"{parent!r} is named before its parent")
+            raise at.in_field("hierarchy").error(f"{brief(parent)} is named before its parent")
         for child in children:
             if child not in known:
-                raise at.in_field("hierarchy").error(f"{child!r} is not in :bonedata")
+                raise at.in_field("hierarchy").error(f"{brief(child)} is not in :bonedata")
             if child in placed:
-                raise at.in_field("hierarchy").error(f"{child!r} has two parents")
+                raise at.in_field("hierarchy").error(f"{brief(child)} has two parents")
             placed.add(child)
             edges.append((child, parent))
     return edges

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.bounded_reading import read_text
 from poseppl.files.csv_reading import Line
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
@@ -129,14 +129,14 @@ def _read_hierarchy(path: FilePath, lines: Iterator[Line]) -> list[_Joint]:
         elif words == ["}"] and opened:
             opened.pop()
         else:
-            raise here.error("a } too many" if words == ["}"] else f"{key[:40]!r} is no part of a hierarchy")
+            raise here.error("a } too many" if words == ["}"] else f"{brief(key)} is no part of a hierarchy")
     else:
         raise at.error("no MOTION section; is the file truncated?")
     if opened or not joints:
         raise at.error("the hierarchy is not closed" if opened else "the hierarchy is empty")
     for joint in joints:
         if joint.offset is None or not (joint.columns or joint.end):
-            raise joint.at.error(f"{joint.name!r} lacks its OFFSET or its CHANNELS")
+            raise joint.at.error(f"{brief(joint.name)} lacks its OFFSET or its CHANNELS")
     return joints
 
 
@@ -157,7 +157,7 @@ def _joint(at: Location, key: str, rest: list[str], joints: list[_Joint], opened
 def _set(at: Location, joints: list[_Joint], joint: _Joint, words: list[str]) -> None:
     """Set the offset or the channels of a joint."""
     if joint.columns if at.field == "CHANNELS" else joint.offset:
-        raise at.error(f"{joint.name!r} has two", "one")
+        raise at.error(f"{brief(joint.name)} has two", "one")
     if at.field == "OFFSET":
         if len(words) != 3:
             raise at.error(f"{len(words)} values", "3 numbers")
@@ -173,7 +173,7 @@ def _set(at: Location, joints: list[_Joint], joint: _Joint, words: list[str]) ->
         axes = sorted(name.removesuffix(kind) for name in joint.columns if name.endswith(kind))
         free = kind == "position" and joint.parent >= 0
         if axes != ["X", "Y", "Z"] and not (free and not axes):
-            problem = f"{kind} channels {', '.join(axes)} of {joint.name!r}"
+            problem = f"{kind} channels {', '.join(axes)} of {brief(joint.name)}"
             raise at.error(problem, "X, Y and Z, or none" if free else "X, Y and Z")
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.motion.io.c3d_layout import MAX_POINTS, Layout, Parameters, read_layout
 from poseppl.motion.io.c3d_numbers import real_numbers, whole_numbers
 from poseppl.motion.io.length_units import mm_per_unit
@@ -87,7 +87,7 @@ def _up(at: Location, parameters: Parameters) -> str:
         return "z"
     if screen not in ("+x", "+y", "+z"):
         expected = "+X, +Y or +Z; give the axis that points up explicitly"
-        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {screen[:20]!r}", expected)
+        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {brief(screen)}", expected)
     return screen[1]
 
 

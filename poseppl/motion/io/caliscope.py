@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople, detected_people
 from poseppl.motion.io.text_parsing import parse_frame, parse_number
@@ -94,7 +94,7 @@ def _point(at: Location, words: Mapping[str, str]) -> _Point:
 
 def _number(token: str, kind: str, at: Location) -> int:
     if not (token.isascii() and token.isdigit() and len(token) <= 9):
-        raise at.in_field(_COLUMNS[kind][0]).error(f"{token[:40]!r} is no number of a {kind}", "0, 1, 2, ...")
+        raise at.in_field(_COLUMNS[kind][0]).error(f"{brief(token)} is no number of a {kind}", "0, 1, 2, ...")
     return int(token)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import Location
+from poseppl.errors import Location, brief
 from poseppl.motion.io.text_parsing import LARGEST
 
 MAX_CAMERAS = 1000
@@ -116,10 +116,10 @@ def numbers(at: Location, value: object, rank: int) -> Floats:
 
 
 def image_size(at: Location, value: object) -> tuple[int, int]:
-    """Width and height in pixels."""
+    """Two extents of a picture in pixels."""
     size = vector(at, value)
     if size.shape != (2,) or np.any(size < 1) or np.any(size != np.round(size)):
-        raise at.error(f"{size.tolist()[:4]}", "[width, height] in pixels")
+        raise at.error(f"{brief(size.tolist())}", "[width, height] in pixels")
     return int(size[0]), int(size[1])
 
 

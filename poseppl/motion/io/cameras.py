@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_bytes
 from poseppl.motion.io.camera_fields import (
@@ -95,9 +95,9 @@ def mm_of_unit(unit: str) -> float:
     try:
         mm = parse_number(unit.strip(), at)
     except InputError as error:
-        raise at.error(f"{unit[:40]!r}", f"{', '.join(MM_PER_UNIT)}, or a number of mm") from error
+        raise at.error(brief(unit), f"{', '.join(MM_PER_UNIT)}, or a number of mm") from error
     if not 1e-6 <= mm <= 1e6:
-        raise at.error(f"{unit[:40]!r}", "0.000001 to 1000000 mm")
+        raise at.error(brief(unit), "0.000001 to 1000000 mm")
     return mm
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_bytes
 from poseppl.files.plain_pickle import plain_of_pickle
-from poseppl.motion.io.camera_fields import CameraRecord, Field, camera_of_fields
+from poseppl.motion.io.camera_fields import CameraRecord, Field, camera_of_fields, image_size
 
 SUFFIXES = (".pickle", ".pkl")
 _GENERIC = "cameraIntrinsicsExtrinsics"
@@ -37,6 +37,7 @@ def read_opencap_camera(path: FilePath) -> CameraRecord:
         return at.in_field(name), value.tolist() if isinstance(value, np.ndarray) else value
 
     where, size = of("imageSize")
+    height, width = image_size(where, size)
     stem = Path(path).stem
     name = Path(path).resolve().parent.name if stem == _GENERIC else stem.removesuffix("_" + _GENERIC)
     return camera_of_fields(
@@ -45,5 +46,5 @@ def read_opencap_camera(path: FilePath) -> CameraRecord:
         distortion=of("distortion"),
         rotation=of("rotation"),
         translation=of("translation"),
-        size=(where, np.ravel(size).tolist()[::-1]),
+        size=(where, [width, height]),
     )

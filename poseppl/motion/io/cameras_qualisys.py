@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, cut
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation_matrix
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
@@ -38,7 +38,7 @@ def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise at.error(f"no XML: {str(error)[:100]}", "a calibration of Qualisys; it may have been cut off") from error
+        raise at.error(f"no XML: {cut(error, 100)}", "a calibration of Qualisys; it may have been cut off") from error
     elements = [element for element in root.iter("camera") if element.find("intrinsic") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
         raise at.error("the file holds no camera", "elements <camera> with <transform> and <intrinsic>")
@@ -49,7 +49,7 @@ def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
 
 def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRecord:
     name = element.get("serial") or str(index)
-    where = at.in_field(f"camera {name[:40]}")
+    where = at.in_field(f"camera {name}")
     inner = _Attributes(element, "intrinsic", where)
     left, top, right, bottom = _Attributes(element, "fov_video", where)("left", "top", "right", "bottom")
     fx, fy, cx, cy, skew = inner("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew") / _SUBPIXELS

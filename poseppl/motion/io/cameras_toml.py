@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS,
@@ -64,7 +64,7 @@ def _unit(document: Mapping[str, Any], default: str | None) -> Any:
 def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -> CameraRecord:
     longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
     if longest > LONGEST:
-        raise at.in_field(str(at.field)[:40]).error(f"a name of {longest} characters", f"at most {LONGEST}")
+        raise at.in_field(str(at.field)).error(f"a name of {longest} characters", f"at most {LONGEST}")
     if not isinstance(table, dict):
         raise at.error("not a table", f"[{at.field}]")
 
@@ -73,7 +73,7 @@ def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -
 
     fisheye = table.get("fisheye", False)
     if not isinstance(fisheye, bool):
-        raise of("fisheye").error(f"{str(fisheye)[:40]!r}", "true or false")
+        raise of("fisheye").error(brief(fisheye), "true or false")
     known = {"name", "size", "matrix", "distortion", "distortions", "rotation", "translation", "fisheye"}
     unknown = sorted(set(table) - known - {"moving", "framerate"}) if strict else []
     if unknown:

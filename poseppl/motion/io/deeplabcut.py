@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.csv_reading import Line, rows_of_csv
 from poseppl.motion.io.detections import DetectedPeople, check_names, detected_people
 from poseppl.motion.io.json_people import frame_number
@@ -77,7 +77,7 @@ def read_deeplabcut_csv(path: FilePath) -> DetectedPeople:
         at, row = next(lines, (Location(path), [""]))
         level = row[0].lower()
         if level not in _HEADERS or level in header:
-            raise at.error(f"{row[0][:40]!r} where a header row begins", "rows that begin with scorer, bodyparts, coords")
+            raise at.error(f"{brief(row[0])} where a header row begins", "rows that begin with scorer, bodyparts, coords")
         if len(row) > MAX_COLUMNS:
             raise at.error(f"{len(row)} columns", f"at most {MAX_COLUMNS}")
         header[level] = row
@@ -136,7 +136,7 @@ def point_columns(header: Mapping[str, Sequence[str]], at: Location) -> PointCol
     graded = any(place[2] == 2 for place in places)
     for p, k in {place[:2] for place in places}:
         if {(p, k, 0), (p, k, 1)} - known or (graded and (p, k, 2) not in known):
-            problem = f"{' '.join([individuals[p], names[k]]).strip()[:80]!r} lacks a coordinate"
+            problem = f"{brief(' '.join([individuals[p], names[k]]).strip())} lacks a coordinate"
             raise at.error(problem, "x, y and likelihood of each point")
     if len(known) < len(places):
         raise at.error(f"a coordinate comes twice among {some(names)}", "x, y and likelihood of each point once")

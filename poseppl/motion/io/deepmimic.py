@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_json
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
 
@@ -85,11 +85,11 @@ def _joint(at: Location, index: int, row: Any) -> _Joint:
         offset = np.array([row[f"Attach{axis}"] for axis in "XYZ"], dtype=np.float64)
         turned = any(float(row.get(f"AttachTheta{axis}", 0.0)) for axis in "XYZ")
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise at.error(f"not a joint: {error!r}") from error
+        raise at.error(f"not a joint: {brief(error)}") from error
     if kind not in _WIDTHS or turned or not np.isfinite(offset).all():
-        raise at.error(f"joint {name!r} is not supported", f"one of {', '.join(_WIDTHS)}")
+        raise at.error(f"joint {brief(name)} is not supported", f"one of {', '.join(_WIDTHS)}")
     if not (-1 <= parent < index) or (parent == -1) != (index == 0):
-        raise at.error(f"the parent of {name!r} is {parent}", "an earlier joint")
+        raise at.error(f"the parent of {brief(name)} is {parent}", "an earlier joint")
     return _Joint(name, parent, offset, _WIDTHS[kind])
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import Location
+from poseppl.errors import Location, brief
 from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
 
 MAX_FRAMES = 1_000_000
@@ -120,5 +120,5 @@ def check_names(names: Sequence[str], kind: str, at: Location) -> None:
         raise at.error(f"no {kind}", "at least one")
     for name in names:
         if not 0 < len(name) <= LONGEST:
-            raise at.error(f"{name[:40]!r} as a name of {kind}", f"1 to {LONGEST} characters")
+            raise at.error(f"{brief(name)} as a name of {kind}", f"1 to {LONGEST} characters")
     check_distinct(names, kind, at)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, cut
 from poseppl.files.bounded_reading import read_json
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
@@ -70,7 +70,7 @@ def _read_skeleton(path: FilePath) -> tuple[tuple[int, ...], Floats]:
         if not whole or not 0 < len(parents) <= MAX_JOINTS or offsets.shape != (len(parents), 3):
             raise ValueError("lists of another form")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise at.error(f"no skeleton: {str(error)[:80]}", expected) from error
+        raise at.error(f"no skeleton: {cut(error, 80)}", expected) from error
     for joint, parent in enumerate(parents):
         if not -1 <= parent < joint or (parent == -1) != (joint == 0):
             raise at.in_field("parent").error(f"the parent of joint {joint} is {parent}", "an earlier joint")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 
 
 class FrameRange(NamedTuple):
@@ -26,13 +26,17 @@ class FrameRange(NamedTuple):
             return cls()
         parts = [part.strip() for part in text.split(":")]
         if len(parts) > 3 or parts == [""] or not all(re.fullmatch(r"[0-9]{0,9}", part) for part in parts):
-            raise InputError(f"{text!r} is no range of frames", field="--frames", expected="start:stop:step, such as 0:100")
+            raise InputError(
+                f"{brief(text)} is no range of frames", field="--frames", expected="start:stop:step, such as 0:100"
+            )
         if len(parts) == 1:
             return cls(int(text), int(text) + 1)
         start, stop, step = (int(part) if part else None for part in [*parts, ""][:3])
         found = cls(start or 0, stop, 1 if step is None else step)
         if found.step < 1 or (found.stop is not None and found.stop <= found.start):
-            raise InputError(f"{text!r} has no frame", field="--frames", expected="start:stop:step, start < stop, step >= 1")
+            raise InputError(
+                f"{brief(text)} has no frame", field="--frames", expected="start:stop:step, start < stop, step >= 1"
+            )
         return found
 
     def within(self, total: int, source: str | None = None) -> slice:

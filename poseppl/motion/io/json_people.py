@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_json as read_json
 from poseppl.motion.io.detections import MAX_POINTS, DetectedPeople, detected_people
 
@@ -44,7 +44,7 @@ def number(value: object, at: Location) -> float:
     if value is None:
         return float("nan")
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise at.error(f"{str(value)[:40]!r} is not a number", "x, y, confidence, ...")
+        raise at.error(f"{brief(value)} is not a number", "x, y, confidence, ...")
     try:
         return float(value)
     except OverflowError as error:
@@ -63,7 +63,7 @@ def frame_number(value: object, at: Location) -> int:
             return int(found[-1])
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 10**12:
         return value
-    raise at.error(f"{str(value)[:40]!r} tells no frame", "a whole number, or a file's name with one, such as img_0012.jpg")
+    raise at.error(f"{brief(value)} tells no frame", "a whole number, or a file's name with one, such as img_0012.jpg")
 
 
 def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.text_parsing import parse_frame, parse_number
@@ -57,11 +57,11 @@ def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]
     lines = rows_of_csv(path)
     at, header = next(lines, (Location(path, 1), []))
     if tuple(header) != COLUMNS:
-        raise at.error(f"columns {','.join(header)[:80]!r}", ",".join(COLUMNS))
+        raise at.error(f"columns {brief(','.join(header))}", ",".join(COLUMNS))
     for at, row in lines:
         key, place = _row(at, row)
         if key in rows:
-            raise at.error(f"frame {key[0]} has {key[1]!r} twice")
+            raise at.error(f"frame {key[0]} has {brief(key[1])} twice")
         rows[key] = place
     if not rows:
         raise Location(path).error("the file holds no place", "at least one row after the header")

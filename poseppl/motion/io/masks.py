@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, cut
 from poseppl.files.bounded_reading import check_file
 from poseppl.motion.io.opencv import Image, to_rgb
 from poseppl.motion.io.video import Video, digest_of_files, open_video
@@ -84,7 +84,7 @@ def _read_packed(path: FilePath) -> tuple[NDArray[np.uint8], tuple[int, int, int
     except Exception as error:  # damaged bytes bring about anything
         expected = "an .npz file with packed bits in masks and their shape (T, H, W) in shape"
         reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise Location(path).error(f"no masks: {reason[0][:200]}", expected) from error
+        raise Location(path).error(f"no masks: {cut(reason[0], 200)}", expected) from error
 
 
 def _header(archive: zipfile.ZipFile, part: str) -> tuple[np.dtype[Any], tuple[int, ...]]:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.detections import MAX_PEOPLE, DetectedPeople
 from poseppl.motion.io.json_people import frame_number, number, read_json, same_points
@@ -177,7 +177,7 @@ def _wide_columns(fields: Sequence[str], at: Location) -> list[dict[str, str]]:
 def _landmark(word: str, at: Location) -> int:
     name = _name(word)
     if name is None:
-        raise at.in_field("landmark").error(f"{word[:40]!r}", f"0 to {_COUNT - 1}, or a name such as left_shoulder")
+        raise at.in_field("landmark").error(brief(word), f"0 to {_COUNT - 1}, or a name such as left_shoulder")
     return NAMES.index(name)
 
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, number_rows
@@ -96,7 +96,7 @@ def read_mot(path: FilePath) -> MotionFile:
     names = _fields(lines[ends[0] + 1])
     here = at.in_line(ends[0] + 2)
     if names[:1] != ["time"] or not 1 < len(names) <= MAX_COLUMNS or max(map(len, names)) > LONGEST:
-        raise here.error(f"{len(names)} columns, the first {names[:1]}", f"time, and 1 to {MAX_COLUMNS} others")
+        raise here.error(f"{len(names)} columns, the first {brief(names[:1])}", f"time, and 1 to {MAX_COLUMNS} others")
     check_distinct(names, "columns", here)
     rows = ((at.in_line(number), _fields(line)) for number, line in enumerate(lines[ends[0] + 2 :], start=ends[0] + 3))
     table = number_rows((line for line in rows if line[1]), names, MAX_VALUES)

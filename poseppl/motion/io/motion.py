@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.text_parsing import some
 
@@ -44,7 +44,7 @@ class Motion:
     def index(self, name: str) -> int:
         """Index of a point by its name; raises InputError with the names that there are."""
         if name not in self.names:
-            raise InputError(f"there is no {name!r}", file=self.source, expected="one of " + some(self.names))
+            raise InputError(f"there is no {brief(name)}", file=self.source, expected="one of " + some(self.names))
         return self.names.index(name)
 
 

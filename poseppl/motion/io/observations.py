@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.text_parsing import parse_frame, parse_number, some
@@ -84,7 +84,7 @@ def read_observations(path: FilePath, marker_names: Sequence[str], camera_names:
     if twice.size:
         before, after = order[twice[0]], order[twice[0] + 1]
         name = marker_names[marker[after]]
-        problem = f"frame {numbers[after]} observes {name!r} twice (before in line {line_numbers[before]})"
+        problem = f"frame {numbers[after]} observes {brief(name)} twice (before in line {line_numbers[before]})"
         raise at.in_line(int(line_numbers[after])).error(problem)
     points.reshape(-1, 2)[place] = table[:, 4:6]
     confidence.reshape(-1)[place] = table[:, 6]
@@ -120,12 +120,12 @@ def _columns(at: Location, header: list[str]) -> dict[str, int]:
     names = [name.lower() for name in header]
     for name in REQUIRED:
         if name not in names:
-            found = ", ".join(names)[:80] or "nothing"
-            raise at.error(f"no column {name!r}", f"{','.join(REQUIRED)}; found {found}")
+            found = cut(", ".join(names), 80) or "nothing"
+            raise at.error(f"no column {brief(name)}", f"{','.join(REQUIRED)}; found {found}")
     for name in names:
         if name not in REQUIRED + OPTIONAL or names.count(name) > 1:
             problem = "column is unknown" if name not in REQUIRED + OPTIONAL else "column is repeated"
-            raise at.in_field(name[:40]).error(problem, ",".join(REQUIRED + OPTIONAL))
+            raise at.in_field(name).error(problem, ",".join(REQUIRED + OPTIONAL))
     return {name: index for index, name in enumerate(names)}
 
 
@@ -152,8 +152,8 @@ def _known(at: Location, field: str, name: str, names: Sequence[str]) -> int:
     if name in names:
         return list(names).index(name)
     close = difflib.get_close_matches(name[:60], names, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise at.error(f"unknown {field} {name[:60]!r}", f"one of {some(names, 20)}{hint}")
+    hint = f"; did you mean {brief(close[0])}?" if close else ""
+    raise at.error(f"unknown {field} {brief(name)}", f"one of {some(names, 20)}{hint}")
 
 
 def _frame_range(at: Location, numbers: Integers, lines: Integers, values: int) -> tuple[int, int]:

@@ -18,9 +18,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import NUMBER, some
+from poseppl.files.decimal_numbers import decimal_number
+from poseppl.motion.io.text_parsing import some
 
 MAX_LINES = 100_000
 MAX_NUMBERS = 100_000
@@ -52,7 +53,7 @@ def read_opencv_yaml(path: FilePath) -> dict[str, Any]:
 
 def _lines(text: str, at: Location) -> list[_Line]:
     """Lines that say something; lists that go over several lines are joined."""
-    found: list[_Line] = []
+    found: list[tuple[int, int, list[str]]] = []
     open_brackets = 0
     for number, line in enumerate(text.split("\n"), start=1):
         stripped = line.strip()
@@ -61,13 +62,12 @@ def _lines(text: str, at: Location) -> list[_Line]:
         if number > MAX_LINES:
             raise at.error(f"more than {MAX_LINES} lines", "a calibration")
         if open_brackets > 0:
-            before = found[-1]
-            found[-1] = (before[0], before[1], before[2] + " " + stripped)
+            found[-1][2].append(stripped)
         else:
-            found.append((number, len(line) - len(line.lstrip(" ")), stripped))
+            found.append((number, len(line) - len(line.lstrip(" ")), [stripped]))
         outside = re.sub(r'"[^"]*"', "", stripped)
         open_brackets += outside.count("[") - outside.count("]")
-    return found
+    return [(number, indent, " ".join(parts)) for number, indent, parts in found]
 
 
 def _block(lines: list[_Line], start: int, indent: int, at: Location, depth: int) -> tuple[Any, int]:
@@ -86,7 +86,7 @@ def _block(lines: list[_Line], start: int, indent: int, at: Location, depth: int
             continue
         key, value = _entry(text, here)
         if key in table:
-            raise here.error(f"{key!r} comes twice", "each name once")
+            raise here.error(f"{brief(key)} comes twice", "each name once")
         index += 1
         deeper = index < len(lines) and (lines[index][1] > indent or (value == "" and lines[index][2].startswith("- ")))
         if value in ("", _MATRIX) and deeper and lines[index][1] >= indent:
@@ -102,13 +102,13 @@ def _block(lines: list[_Line], start: int, indent: int, at: Location, depth: int
 def _entry(text: str, at: Location) -> tuple[str, str]:
     found = _KEY.match(text)
     if not found:
-        raise at.error(f"{text[:40]!r} is no name and value", "the YAML that OpenCV writes")
+        raise at.error(f"{brief(text)} is no name and value", "the YAML that OpenCV writes")
     return (found[1] or found[2] or found[3]).strip(), (found[4] or "").strip()
 
 
 def _scalar(text: str, at: Location) -> Any:
     if text.startswith(("!", "&", "*", "{")):
-        raise at.error(f"{text[:40]!r}", "numbers, texts, lists and matrices alone")
+        raise at.error(brief(text), "numbers, texts, lists and matrices alone")
     if text.startswith("["):
         if not text.endswith("]") or "[" in text[1:]:
             raise at.error("a list that does not end, or holds lists", "[ 1., 2., 3. ]; the file may have been cut off")
@@ -119,9 +119,8 @@ def _scalar(text: str, at: Location) -> Any:
         return [_scalar(part, at) for part in parts]
     if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
         return text[1:-1]
-    if len(text) <= 64 and NUMBER.fullmatch(text):
-        return float(text) if re.search("[.eE]", text) else int(text)
-    return text
+    number = decimal_number(text)
+    return text if number is None else number if re.search("[.eE]", text) else int(text)
 
 
 def _matrix(fields: Any, at: Location) -> list[Any]:
@@ -130,7 +129,7 @@ def _matrix(fields: Any, at: Location) -> list[Any]:
         raise at.error("a matrix without rows, cols or data", "rows, cols, dt, data")
     rows, columns, data = fields["rows"], fields["cols"], fields["data"]
     if not (type(rows) is int and type(columns) is int and isinstance(data, list)) or rows * columns != len(data):
-        raise at.error(f"{str(rows)[:9]} x {str(columns)[:9]} of other data", "as many numbers as rows x cols")
+        raise at.error(f"{cut(rows, 9)} x {cut(columns, 9)} of other data", "as many numbers as rows x cols")
     if not all(isinstance(value, int | float) for value in data):
         raise at.error(f"data {some(map(str, data), 3)}", "numbers")
     return [data[row * columns : (row + 1) * columns] for row in range(rows)]

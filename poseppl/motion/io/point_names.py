@@ -35,5 +35,5 @@ def _points(at: Location, marker: str, value: object) -> tuple[str, ...]:
     points = value if isinstance(value, list) else [value]
     if not points or not all(isinstance(point, str) and point for point in points):
         expected = 'the name of a point, or a list of names: "LeftLeg", ["LKNE", "LKNM"]'
-        raise at.in_field(marker[:40]).error("not a name", expected)
+        raise at.in_field(marker).error("not a name", expected)
     return tuple(points)

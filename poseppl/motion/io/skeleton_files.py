@@ -25,7 +25,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.detections import MAX_POINTS, check_names
 from poseppl.motion.io.length_units import mm_per_unit
@@ -99,7 +99,7 @@ def read_skeleton(path: FilePath) -> Skeleton:
 def _check_fields(table: Mapping[str, Any], known: Sequence[str], at: Location) -> None:
     for name in table:
         if name not in known:
-            raise at.error(f"the field {name[:40]!r} is unknown", ", ".join(known))
+            raise at.error(f"the field {brief(name)} is unknown", ", ".join(known))
 
 
 def _tables(document: Mapping[str, Any], name: str, at: Location) -> list[tuple[Mapping[str, Any], Location]]:
@@ -119,7 +119,7 @@ def _indices(value: Any, points: Sequence[str], at: Location) -> tuple[int, ...]
     names = _names(value, at)
     for name in names:
         if name not in points:
-            raise at.error(f"no point is called {name[:40]!r}", some(points))
+            raise at.error(f"no point is called {brief(name)}", some(points))
     if len(set(names)) < len(names):
         raise at.error("a point comes twice", "each once")
     return tuple(points.index(name) for name in names)
@@ -130,7 +130,7 @@ def _positive(table: Mapping[str, Any], name: str, at: Location, most: float = L
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
-        raise at.error(f"{name} is {str(value)[:40]}", f"a positive number up to {most:g}")
+        raise at.error(f"{name} is {cut(value, 40)}", f"a positive number up to {most:g}")
     return float(value)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, cut
 from poseppl.files.hdf5_reading import array, attribute, open_hdf5, texts
 from poseppl.motion.io.detections import (
     MAX_FRAMES,
@@ -74,7 +74,7 @@ def _ordered(file: Any, name: str, axes: tuple[str, ...], at: Location) -> Float
     stored = _dimensions(file, name, at)
     order = axes if stored is None else [axis for axis in stored if axis in axes]
     if sorted(order) != sorted(axes):
-        raise where.in_field("dims").error(f"axes {', '.join(map(str, order))[:80]}", ", ".join(axes))
+        raise where.in_field("dims").error(f"axes {cut(', '.join(map(str, order)), 80)}", ", ".join(axes))
     values = values.transpose([order.index(axis) for axis in axes])
     if "xy" in axes and values.shape[1] != 2:
         raise where.error(f"shape {values.shape}", f"numbers by {', '.join(axes)}, two of xy")

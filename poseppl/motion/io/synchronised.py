@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.io.opencv import Image, place
 from poseppl.motion.io.video import Video
 
@@ -57,7 +57,7 @@ def _check(videos: Sequence[Video], stop: int | None, mismatch: Mismatch) -> int
     names = [video.camera for video in videos]
     repeated = [name for name in names if names.count(name) > 1]
     if not videos or repeated:
-        problem = f"two videos of the camera {repeated[0]!r}" if repeated else "no camera"
+        problem = f"two videos of the camera {brief(repeated[0])}" if repeated else "no camera"
         raise InputError(problem, expected="at least one camera, each with a name of its own")
     rates = [(video.rate, video.camera) for video in videos if video.rate is not None]
     for rate, camera in rates[1:]:

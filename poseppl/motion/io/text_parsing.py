@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.csv_reading import Line
+from poseppl.files.decimal_numbers import decimal_number
 
 LARGEST = 1e9
 LONGEST = 200
-NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 
 
 def some(names: Iterable[str], count: int = 8) -> str:
     """The first few of many names, for a message."""
-    listed = [name if len(name) <= 40 else name[:37] + "..." for name in names]
+    listed = [cut(name, 40) for name in names]
     return ", ".join(listed[:count]) + (f", ... ({len(listed)} in all)" if len(listed) > count else "")
 
 
@@ -35,7 +35,7 @@ def lines_of_words(path: FilePath, text: str) -> Iterator[Line]:
         at, words = Location(path, number), line.split()
         for word in words if len(line) > LONGEST else ():
             if len(word) > LONGEST:
-                raise at.error(f"{word[:20]!r}... has {len(word)} characters", f"at most {LONGEST}")
+                raise at.error(f"{brief(word)} has {len(word)} characters", f"at most {LONGEST}")
         if words:
             yield at, words
 
@@ -54,7 +54,7 @@ def number_rows(lines: Iterable[Line], columns: Sequence[str], most: int) -> Flo
     values = array("d")
     for at, words in lines:
         if len(words) != len(columns):
-            expected = f"{len(columns)}, {columns[0][:40]} to {columns[-1][:40]}; the file may have been cut off"
+            expected = f"{len(columns)}, {cut(columns[0], 40)} to {cut(columns[-1], 40)}; the file may have been cut off"
             raise at.error(f"{len(words)} values", expected)
         values.extend(parse_number(word, at.in_field(name)) for word, name in zip(words, columns, strict=True))
         if len(values) > most:
@@ -65,7 +65,7 @@ def number_rows(lines: Iterable[Line], columns: Sequence[str], most: int) -> Flo
 def parse_frame(token: str, at: Location) -> int:
     """Parse the number of a frame, of at most nine digits."""
     if not re.fullmatch("[0-9]{1,9}", token):
-        raise at.in_field("frame").error(f"{token[:40]!r} is no frame number", "0, 1, 2, ...")
+        raise at.in_field("frame").error(f"{brief(token)} is no frame number", "0, 1, 2, ...")
     return int(token)
 
 
@@ -73,13 +73,11 @@ def check_distinct(names: Sequence[str], kind: str, at: Location) -> None:
     """Check that no two of a kind have the same name."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise at.error(f"two {kind} are called {name!r}")
+            raise at.error(f"two {kind} are called {brief(name)}")
 
 
 def parse_number(token: str, at: Location) -> float:
     """Parse one finite decimal number.
-
-    Python's own ``float`` would also take "nan", "infinity", "1_000" and the digits of other scripts.
 
     Args:
         token: The text, without white space around it.
@@ -91,13 +89,12 @@ def parse_number(token: str, at: Location) -> float:
     Raises:
         InputError: The text is no number, or its magnitude is above 1e9.
     """
-    if len(token) <= 64 and NUMBER.fullmatch(token):
-        number = float(token)
-        if abs(number) <= LARGEST:
-            return number
+    number = decimal_number(token)
+    if number is None:
+        raise at.error(f"{brief(token)} is not a number", "a finite decimal number")
+    if abs(number) > LARGEST:
         raise at.error(f"the number {token} is too large", "at most 1e9")
-    shown = token if len(token) <= 40 else token[:37] + "..."
-    raise at.error(f"{shown!r} is not a number", "a finite decimal number")
+    return number
 
 
 def parse_numbers(tokens: list[str], at: Location) -> list[float]:
@@ -123,7 +120,7 @@ def finite_numbers(value: Any, names: Collection[str], at: Location) -> dict[str
         raise at.error("no numbers by name", "a mapping of names to numbers")
     for name, number in value.items():
         if name not in names:
-            raise at.error(f"unknown name {str(name)[:40]!r}", some(names))
+            raise at.error(f"unknown name {brief(name)}", some(names))
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= LARGEST:
-            raise at.error(f"{name} is {str(number)[:40]!r}", "a finite number, at most 1e9")
+            raise at.error(f"{name} is {brief(number)}", "a finite number, at most 1e9")
     return {name: float(number) for name, number in value.items()}

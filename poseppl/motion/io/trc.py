@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.length_units import mm_per_unit
@@ -73,7 +73,7 @@ def write_trc(path: FilePath, motion: Motion, times: Floats, frames: Integers) -
     unknown = np.argwhere(~np.isfinite(motion.positions).all(-1))
     if unknown.size:
         frame, point = unknown[0]
-        problem = f"frame {frames[frame]}: {motion.names[point]!r} has no finite place"
+        problem = f"frame {frames[frame]}: {brief(motion.names[point])} has no finite place"
         raise Location(path).error(problem, "every point in every frame; leave the frame or the point out")
     names = [column_name(name, path) for name in motion.names]
     rate, count = f"{motion.rate:.10g}", len(times)
@@ -101,7 +101,7 @@ def column_name(name: str, path: FilePath) -> str:
         InputError: It is empty or holds a space, a tab or the end of a line, which OpenSim takes for the column's end.
     """
     if not name or any(letter.isspace() or not letter.isprintable() for letter in name):
-        raise Location(path).error(f"a column cannot be named {name[:40]!r}", "letters without spaces")
+        raise Location(path).error(f"a column cannot be named {brief(name)}", "letters without spaces")
     return name
 
 

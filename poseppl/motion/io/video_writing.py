@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from poseppl.errors import FilePath, Location, PosepplError
+from poseppl.errors import FilePath, Location, PosepplError, brief
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.motion.io.opencv import Image, check_image, check_name, opencv
 
@@ -76,7 +76,7 @@ class VideoWriter:
             raise self._at.error(f"images of {width} x {height} pixels", "an even width and height; crop or pad by one pixel")
         code = opencv().VideoWriter.fourcc(*self._codec)
         if not self._writer.open(check_name(self._temporary), code, float(self._rate), (width, height)):
-            raise PosepplError(f"{self._at.file}: this OpenCV cannot encode {self._codec!r} into it; try codec='mp4v'")
+            raise PosepplError(f"{self._at.file}: this OpenCV cannot encode {brief(self._codec)} into it; try codec='mp4v'")
         self._size = (width, height)
 
 
@@ -101,7 +101,7 @@ def video_writer(path: FilePath, rate: float, *, codec: str = "mp4v") -> Iterato
     if Path(path).suffix.lower() not in SUFFIXES:
         raise Location(path).error("unknown kind of video", "a name that ends in " + ", ".join(SUFFIXES))
     if len(codec) != 4 or not 0 < rate < 1e6:
-        raise Location(path).error(f"rate {rate}, codec {codec!r}", "frames a second above 0, and four letters")
+        raise Location(path).error(f"rate {rate}, codec {brief(codec)}", "frames a second above 0, and four letters")
     with atomic_path(path) as temporary:
         writer = VideoWriter(path, temporary, rate, codec)
         try:

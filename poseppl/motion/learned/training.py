@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.checks import check_at_least
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.learned.angles import mean_angle, wrapped
 from poseppl.motion.learned.baum_welch import baum_welch
 from poseppl.motion.learned.motion_model import MotionModel
@@ -115,9 +115,11 @@ def _check(recordings: Sequence[PosedRecording], settings: TrainingSettings) -> 
     unknown = [] if settings.free is None else [joint for joint in settings.free if joint not in joints]
     if unknown:
         known = ", ".join(dict.fromkeys(joints))
-        raise InputError(f"the body has no joint {unknown[0]!r}", field="--free", expected=f"some of {known}")
+        raise InputError(f"the body has no joint {brief(unknown[0])}", field="--free", expected=f"some of {known}")
     if first.root not in free:
-        raise InputError(f"the root {first.root!r} is learned", field="--free", expected=f"{first.root} among the free joints")
+        raise InputError(
+            f"the root {brief(first.root)} is learned", field="--free", expected=f"{first.root} among the free joints"
+        )
     learned = np.array([index for index, joint in enumerate(joints) if joint not in free], int)
     count = settings.num_components
     if count > len(learned):

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import Array, edges, mean_points, some_draws
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, InputError, brief
 from poseppl.motion.io import Video, write_video
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.text_parsing import some
@@ -38,7 +38,7 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
     names = names_of(tree, "camera")
     samples, means = some_draws(tree, "points", MAX_SAMPLES), mean_points(tree)
     if samples is None or means is None or video.camera not in names:
-        raise InputError(f"no points of the camera {video.camera!r}", expected=f"one of {some(names) or 'none'}")
+        raise InputError(f"no points of the camera {brief(video.camera)}", expected=f"one of {some(names) or 'none'}")
     camera, pairs = names.index(video.camera), edges(tree)
     frames = frame_numbers(tree)
     wanted = {int(number): index for index, number in enumerate(frames)}

@@ -7,7 +7,7 @@ import os
 import sys
 from typing import Any
 
-from poseppl.errors import PosepplError
+from poseppl.errors import PosepplError, cut
 
 INSTALL = "pip install 'poseppl[render]'"
 
@@ -35,6 +35,6 @@ def no_opengl(error: Exception) -> PosepplError:
     chosen = os.environ.get("MUJOCO_GL", "not set")
     first = (str(error).strip().splitlines() or [type(error).__name__])[0]
     return PosepplError(
-        f"MuJoCo finds no OpenGL to draw with, MUJOCO_GL being {chosen} ({first[:200]}); without a screen it needs "
+        f"MuJoCo finds no OpenGL to draw with, MUJOCO_GL being {chosen} ({cut(first, 200)}); without a screen it needs "
         "MUJOCO_GL=egl, which poseppl sets where you have not, and on Debian: apt-get install libegl1 libgl1 libegl-mesa0"
     )

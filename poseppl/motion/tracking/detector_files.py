@@ -10,7 +10,7 @@ import json
 
 import numpy as np
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import read_json
 from poseppl.motion.io.detections import MAX_POINTS
@@ -55,7 +55,7 @@ def read_detector_errors(path: FilePath) -> DetectorErrors:
     for name in {*document, *_FIELDS}:
         if name not in _FIELDS or name not in document:
             problem = "is unknown" if name in document else "is missing"
-            raise at.error(f"the field {str(name)[:40]!r} {problem}", some(_FIELDS))
+            raise at.error(f"the field {brief(name)} {problem}", some(_FIELDS))
     if not isinstance(document["source"], str):
         raise at.in_field("source").error("no text", "what the errors were found from")
     given = finite_numbers({name: document[name] for name in _LIMITS}, _LIMITS, at)

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at
 from poseppl.motion.geometry.cameras import NEAREST
@@ -84,7 +84,7 @@ def cameras_of_records(records: Sequence[CameraRecord]) -> Cameras:
     """
     for record in records:
         if abs(record.matrix[0, 1]) > 1e-6 * record.matrix[0, 0]:
-            raise InputError(f"camera {record.name!r} has a skew of {record.matrix[0, 1]:g}", field="matrix", expected="0")
+            raise InputError(f"camera {brief(record.name)} has a skew of {record.matrix[0, 1]:g}", field="matrix", expected="0")
     return Cameras(
         rotation=jnp.array([record.rotation for record in records], float),
         centre=jnp.array([-record.rotation.T @ record.translation for record in records], float),
@@ -150,7 +150,7 @@ def check_in_front(
     if len(behind):
         camera, frame, marker = behind[0]
         problem = (
-            f"camera {names[camera]!r} has {marker_names[marker]} at or behind it in frame {frames[frame]} "
+            f"camera {brief(names[camera])} has {marker_names[marker]} at or behind it in frame {frames[frame]} "
             f"({ahead[camera, frame, marker]:.0f} mm along its axis)"
         )
         raise InputError(problem, field="--camera", expected="cameras that face the subject; move or turn the camera")

@@ -51,7 +51,7 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
         raise InputError("the result does not tell its model", expected="a result of poseppl track of this version")
     chosen = name if model is None else model
     if model is not None and source_of_model(model) != known.get("model source"):
-        raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name[:80])
+        raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name)
     builder = installed_builder(name) if model is None else body_builder(model)
     standard = builder(None)
     lengths = finite_numbers(known.get("lengths"), standard.lengths, Location(field="lengths"))

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import xarray as xr
 
-from poseppl.errors import InputError, SettingError
+from poseppl.errors import InputError, SettingError, brief
 from poseppl.motion.tracking.problem import Problem
 from poseppl.runs.algorithms import FILTERS, Algorithm
 from poseppl.runs.results import provenance
@@ -42,7 +42,7 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
     filter, settings = FILTERS[name].build(problem.model, _recorded(FILTERS[name], known.get("settings")))
     if not filter.genealogy:
         raise InputError(
-            f"the result of the filter {name!r} has no genealogy, which this smoother follows",
+            f"the result of the filter {brief(name)} has no genealogy, which this smoother follows",
             field="--method",
             expected="a result of a particle filter, as of track --filter particle, or another smoother, such as trajectory",
         )
@@ -74,6 +74,6 @@ def _recorded(filter: Algorithm, settings: Any) -> dict[str, Any]:
         try:
             setting.read(given[name])
         except (KeyError, SettingError) as error:
-            message = f"the result does not tell the filter's setting {name!r}"
+            message = f"the result does not tell the filter's setting {brief(name)}"
             raise InputError(message, expected="a result of poseppl track of this version") from error
     return {name: given[name] for name in filter.settings}

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -45,7 +45,7 @@ def check_facing(name: str, cameras: Sequence[str]) -> None:
         InputError: There is none of this name.
     """
     if name not in cameras:
-        raise InputError(f"there is no camera {name!r}", field="--facing", expected=some(cameras))
+        raise InputError(f"there is no camera {brief(name)}", field="--facing", expected=some(cameras))
 
 
 def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -> Floats:

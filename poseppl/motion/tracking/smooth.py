@@ -11,7 +11,7 @@ import xarray as xr
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics import diagnose
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
@@ -78,7 +78,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     if "smoother" in known:
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     if settings.errors not in ("independent", "lasting"):
-        raise InputError(f"{settings.errors!r}", field="--errors", expected="independent or lasting")
+        raise InputError(brief(settings.errors), field="--errors", expected="independent or lasting")
     data = None if scene is None else _seen(scene, tree)
     lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model, data)
     if lasting and problem.num_cameras < 2:

@@ -6,7 +6,7 @@ from math import ceil
 
 import numpy as np
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, InputError, brief
 from poseppl.motion.bodies.body import body_builder, load_builder
 from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
@@ -44,7 +44,9 @@ def walking_subject(
     chosen = FrameRange.parse(frames)
     stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
     if stop > LONGEST_WALK:
-        raise InputError(f"{frames!r} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk")
+        raise InputError(
+            f"{brief(frames)} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk"
+        )
     length = stop if turn is None else max(stop, ceil(_TURNED_SECONDS * rate))
     gait = load_builder(DEFAULT_WALK)(rate, length)
     build = body_builder(model)

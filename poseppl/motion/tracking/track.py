@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics import diagnose
-from poseppl.errors import InputError
+from poseppl.errors import InputError, brief
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
 from poseppl.motion.tracking.assumed_stature import with_statures
@@ -229,9 +229,9 @@ def _check(settings: TrackSettings) -> None:
     if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
     if settings.walk not in get_args(Walk):
-        raise InputError(f"{settings.walk!r}", field="--walk", expected="one of " + ", ".join(get_args(Walk)))
+        raise InputError(brief(settings.walk), field="--walk", expected="one of " + ", ".join(get_args(Walk)))
     if settings.markers not in ("fixed", "learned"):
-        raise InputError(f"{settings.markers!r}", field="--markers", expected="fixed or learned")
+        raise InputError(brief(settings.markers), field="--markers", expected="fixed or learned")
     if settings.prior is not None and settings.markers == "learned":
         raise InputError("the body is the prior's own", field="--prior", expected="no --markers learned with --prior")
     walks = settings.walk != "fixed" or settings.sigma_position is not None or settings.sigma_angle is not None
