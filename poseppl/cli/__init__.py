@@ -30,6 +30,7 @@ from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
 from poseppl.errors import MAX_SHOWN, PosepplError, SettingError, cut
+from poseppl.files.cache_folder import ensure_home
 
 EPILOG = """\b
 Exit status:
@@ -101,6 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in given
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
+    ensure_home()
     try:
         with signals_interrupt():
             status = cli.main(given, prog_name="poseppl", standalone_mode=False)

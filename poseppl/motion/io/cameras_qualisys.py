@@ -1,20 +1,18 @@
 """Calibrations of Qualisys, ``.qca.txt``: XML with a table a camera, in mm.
 
 Focal lengths and centres are 64ths of a pixel, and so are distortion coefficients taken (k1, k2, p1, p2, k3), as Pose2Sim does.
-``transform`` has the centre of the camera and the rotation of the world to axes of which y points up and z backwards. What
-is XML could refer to other files and repeat itself without end; definitions are refused, unread.
+``transform`` has the centre of the camera and the rotation of the world to axes of which y points up and z backwards.
 """
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location, cut
-from poseppl.files.bounded_reading import read_text
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_xml
 from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation_matrix
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
 
@@ -32,13 +30,7 @@ def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
         InputError: The file is no XML, defines entities, holds no camera, or a field is missing or malformed.
     """
     at = Location(path)
-    text = read_text(path, max_bytes=2**22)
-    if re.search("<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise at.error("the XML has definitions of its own", "a calibration as Qualisys writes it")
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise at.error(f"no XML: {cut(error, 100)}", "a calibration of Qualisys; it may have been cut off") from error
+    root = read_xml(path, "a calibration as Qualisys writes it")
     elements = [element for element in root.iter("camera") if element.find("intrinsic") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
         raise at.error("the file holds no camera", "elements <camera> with <transform> and <intrinsic>")
