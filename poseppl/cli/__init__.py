@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
-from io import TextIOWrapper
+from io import StringIO, TextIOWrapper
 
 import click
 
@@ -108,8 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             status = cli.main(given, prog_name="poseppl", standalone_mode=False)
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
-        error.message = cut(error.message)
-        error.show()
+        error.show(shown := StringIO())
+        print(cut(shown.getvalue()).rstrip("\n"), file=sys.stderr, flush=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as error:
         _say("interrupted; every file that was written is whole", debug)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from poseppl.cli.outputs import write_outputs
 from poseppl.errors import PosepplError
 from poseppl.experiments.jobs import Job
 from poseppl.files.atomic_writing import write_atomically, write_rows
+from poseppl.files.npz_reading import SUFFIX, read_part
 
 _COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")
 
@@ -100,8 +102,8 @@ def forget_lost(jobs: Iterable[TableJob], kept: Path, folder: Path) -> None:
     for job in jobs:
         path = kept / f"{job.key}.npz"
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                told = json.loads(str(file["told"]))
+            with zipfile.ZipFile(path) as archive:
+                told = json.loads(str(read_part(archive, f"told{SUFFIX}", path.stat().st_size)))
         except Exception:  # there is none, or a damaged one, which is told where it is read
             continue
         if any(digest_of(folder / name) != digest for name, digest in told.get("digests", {}).items()):

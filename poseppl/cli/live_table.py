@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
+
+from poseppl.files.csv_texts import shielded
 
 
 class LiveTable:
@@ -47,7 +50,7 @@ class LiveTable:
     def _add(self, fields: Sequence[str]) -> None:
         try:
             if self._stream is not None:
-                self._stream.write(",".join(fields) + "\n")
+                csv.writer(self._stream, lineterminator="\n").writerow(map(shielded, fields))
         except OSError as error:
             self._tell(error)
             self.close()

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from poseppl.errors import InputError
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.files.atomic_writing import write_atomically
+from poseppl.files.csv_texts import unshielded
 
 RECORD = "tables.json"
 
@@ -96,4 +97,4 @@ def _value(cell: str) -> Any:
             return kind(cell)
         except ValueError:
             continue
-    return cell
+    return unshielded(cell)

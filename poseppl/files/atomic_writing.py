@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from poseppl.errors import FilePath, Location, PosepplError
+from poseppl.files.csv_texts import shielded
 from poseppl.files.locks import take_lock
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -113,9 +114,13 @@ def write_atomically(path: FilePath, content: str | bytes) -> None:
 
 
 def write_rows(path: FilePath, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows as CSV, whole or not at all; errors are those of :func:`write_atomically`."""
+    """Write rows as CSV, whole or not at all; errors are those of :func:`write_atomically`.
+
+    Texts that a spreadsheet would take for a formula are written as :func:`poseppl.files.csv_texts.shielded` says.
+    """
+    safe = ([shielded(cell) for cell in row] for row in rows)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8", errors="replace") as stream:
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+        csv.writer(stream, lineterminator="\n").writerows(safe)
 
 
 @contextmanager

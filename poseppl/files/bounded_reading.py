@@ -22,9 +22,7 @@ MAX_JSON_LISTS = 2_000_000
 MAX_XML_BYTES = 2**22
 MAX_XML_ELEMENTS = 100_000
 MAX_KEY_PARTS = 20
-_LONG_KEY = re.compile(
-    r"""(?:\.[ \t]*+(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+){%d}""" % MAX_KEY_PARTS,
-)
+_LONG_KEY = re.compile(r"""(?:\.[ \t]*+(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+){20}""")
 
 
 def check_file(path: FilePath, *, max_bytes: int) -> Path:

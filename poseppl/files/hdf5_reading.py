@@ -20,6 +20,7 @@ from poseppl.files.bounded_reading import check_file
 MAX_BYTES = 2**30
 MAX_ATTRIBUTE_BYTES = 2**24
 MAX_TEXTS = 100_000
+MAX_CHUNK_BYTES = 2**24
 DEFLATE = 1032
 """No stream of deflate unpacks to more times its size."""
 _SLACK = 2**20
@@ -75,9 +76,8 @@ def array(group: Any, name: str, at: Location) -> Any:
     item = child(group, name, at)
     where = at.in_field(item.name)
     declared = declared_bytes(item, where, "iufbSV")
-    if declared > MAX_BYTES or declared > DEFLATE * item.file.id.get_filesize() + _SLACK:
-        expected = f"at most {MAX_BYTES // 2**20} MiB, and what a file of this size can hold"
-        raise where.error(f"it declares {declared / 2**20:.0f} MiB", expected)
+    if declared > MAX_BYTES:
+        raise where.error(f"it declares {declared / 2**20:.0f} MiB", f"at most {MAX_BYTES // 2**20} MiB")
     values = item[()]
     return np.array([b"", *map(bytes, np.ravel(values))])[1:] if values.dtype.hasobject else values
 
@@ -91,7 +91,8 @@ def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
         kinds: Kinds of numbers and texts, as NumPy names them.
 
     Raises:
-        InputError: It is no array of these kinds, its values are elsewhere, or there are too many texts.
+        InputError: It is no array of these kinds, its values are elsewhere or not in the file, its chunks are larger than
+            itself, or there are too many texts.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise at.error("no array", "numbers or texts")
@@ -101,11 +102,30 @@ def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
     if text is None and (item.dtype.hasobject or item.dtype.kind not in kinds):
         raise at.error(f"values of type {cut(item.dtype, 60)}", "numbers or texts")
     declared = int(count * item.dtype.itemsize)
+    chunk = math.prod(item.chunks or ()) * item.dtype.itemsize
+    if chunk > max(declared, MAX_CHUNK_BYTES):
+        raise at.error(f"chunks of {chunk / 2**20:.0f} MiB", f"at most {MAX_CHUNK_BYTES // 2**20} MiB where it is smaller itself")
+    if declared > DEFLATE * item.id.get_storage_size() + _SLACK:
+        raise at.error(f"it declares {declared / 2**20:.0f} MiB", "what its part of the file can hold")
     if text is None or text.length is not None:
         return declared
     if count > MAX_TEXTS:
         raise at.error(f"{count} texts", f"at most {MAX_TEXTS}")
-    return declared + sum(len(item[index]) for index in np.ndindex(item.shape))  # many may be one and the same in the file
+    return declared + _text_bytes(item, at)
+
+
+def _text_bytes(item: Any, at: Location) -> int:
+    """Bytes of texts of any length. Many may be one and the same in the file: no more are read than it could hold apart."""
+    if not item.shape:
+        return len(item[()])
+    size, total = item.file.id.get_filesize(), 0
+    step = max(1, _SLACK * 16 // size)
+    for row in np.ndindex(item.shape[:-1]):
+        for start in range(0, item.shape[-1], step):
+            total += sum(map(len, item[(*row, slice(start, start + step))]))
+            if total > size:
+                raise at.error(f"texts of more than {size} bytes", "no more than the file has")
+    return total
 
 
 def attribute(item: Any, name: str, at: Location) -> Any:

@@ -24,14 +24,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, InputError, cut
 from poseppl.files.atomic_writing import atomic_path, remove_strays
+from poseppl.files.npz_reading import SUFFIX, read_part, read_parts
 
 Arrays = dict[str, NDArray[Any]]
 Note = Callable[[str], None]
 Record = Mapping[str, Any]
 """Values that JSON can hold."""
 _RECORD = "__record__"
+MAX_RECORD_BYTES = 2**24
 
 
 def key_of(record: Record, arrays: Iterable[Any] = ()) -> str:
@@ -60,15 +62,18 @@ class Store:
         what: What is kept there, for messages.
         note: Is told of files that cannot be used.
         parents: Whether the folders around it are made, too.
-        compressed: Whether files are compressed.
+        max_unpacked: Bytes that the arrays of one name may take, where files are compressed; None compresses nothing.
 
     Raises:
         InputError: The folder cannot be made.
     """
 
-    def __init__(self, folder: FilePath, what: str, note: Note, *, parents: bool = True, compressed: bool = False) -> None:
+    def __init__(
+        self, folder: FilePath, what: str, note: Note, *, parents: bool = True, max_unpacked: int | None = None
+    ) -> None:
         self.folder, self._what, self._note = Path(folder), what, note
-        self._compression = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+        self._max_unpacked = max_unpacked
+        self._compression = zipfile.ZIP_STORED if max_unpacked is None else zipfile.ZIP_DEFLATED
         try:
             self.folder.mkdir(parents=parents, exist_ok=True)
         except OSError as error:
@@ -107,21 +112,26 @@ class Store:
         if not path.exists():
             return None
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            held = json.loads(arrays.pop(_RECORD).tobytes())
-            differing = {field: held[field] for field in record if held[field] != record[field]}
-            restored = None if differing else restore(arrays)
+            with zipfile.ZipFile(path) as archive:
+                held = json.loads(read_part(archive, f"{_RECORD}{SUFFIX}", MAX_RECORD_BYTES).tobytes())
+                differing = {field: held[field] for field in record if held[field] != record[field]}
+                restored = None if differing else restore(self._arrays(archive))
         except Exception as error:  # damaged bytes raise anything at all
-            self._note(f"{path}: damaged ({error}); {remedy}")
+            self._note(f"{path}: damaged ({cut(error, 200)}); {remedy}")
             return None
         for field in owners:
             if field in differing:
-                problem = f"holds {self._what} of another {field}: {json.dumps(differing[field])[:80]}"
+                problem = f"holds {self._what} of another {field}: {cut(json.dumps(differing[field]), 80)}"
                 raise InputError(problem, file=path, expected="another folder")
         for field, value in list(differing.items())[:1]:
-            self._note(f"{path}: of another {field} ({json.dumps(value)}); {remedy}")
+            self._note(f"{path}: of another {field} ({cut(json.dumps(value), 80)}); {remedy}")
         return restored
+
+    def _arrays(self, archive: zipfile.ZipFile) -> Arrays:
+        """The arrays, without the record; those of a store that compresses nothing take no more bytes than their file."""
+        stored = Path(str(archive.filename)).stat().st_size
+        arrays = read_parts(archive, stored if self._max_unpacked is None else self._max_unpacked)
+        return {name: array for name, array in arrays.items() if name != _RECORD}
 
     def save(self, name: str, arrays: Mapping[str, Any], record: Record) -> None:
         """Write arrays, whole or not at all.
@@ -138,5 +148,5 @@ class Store:
         text = np.frombuffer(json.dumps(record).encode(), np.uint8)
         with atomic_path(self._path(name)) as path, zipfile.ZipFile(path, "w", self._compression, compresslevel=1) as file:
             for each, array in {**arrays, _RECORD: text}.items():
-                with file.open(f"{each}.npy", "w", force_zip64=True) as stream:
+                with file.open(f"{each}{SUFFIX}", "w", force_zip64=True) as stream:
                     np.lib.format.write_array(stream, np.asarray(array), allow_pickle=False)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, Location, cut
 from poseppl.files.bounded_reading import check_file
+from poseppl.files.npz_reading import part_header, read_part
 from poseppl.motion.io.opencv import Image, to_rgb
 from poseppl.motion.io.video import Video, digest_of_files, open_video
 
@@ -69,36 +68,17 @@ def _read_packed(path: FilePath) -> tuple[NDArray[np.uint8], tuple[int, int, int
     source = check_file(path, max_bytes=MAX_BYTES)
     try:
         with zipfile.ZipFile(source) as archive:
-            kind, declared = _header(archive, "shape.npy")
+            kind, declared = part_header(archive, "shape.npy")
             if declared != (3,) or kind.kind not in "iu":
                 raise ValueError(f"a shape of type {kind} and {declared} numbers")
-            count, height, width = (int(side) for side in _part(archive, "shape.npy"))
+            count, height, width = (int(side) for side in read_part(archive, "shape.npy", 1024))
             if not (0 < count < 2**31 and 0 < height < 2**16 and 0 < width < 2**16):
                 raise ValueError(f"{count} masks of {width} x {height}")
-            kind, declared = _header(archive, "masks.npy")
+            kind, declared = part_header(archive, "masks.npy")
             if declared != (count, height, -(-width // 8)) or kind != np.uint8:
                 raise ValueError(f"masks of shape {declared} and type {kind} are not {count} x {height} x {width} bits")
-            if math.prod(declared) > MAX_BYTES:
-                raise ValueError(f"{math.prod(declared) / 2**30:.1f} GiB of masks, at most {MAX_BYTES // 2**30} are read")
-            return _part(archive, "masks.npy"), (count, height, width)
+            return read_part(archive, "masks.npy", MAX_BYTES), (count, height, width)
     except Exception as error:  # damaged bytes bring about anything
         expected = "an .npz file with packed bits in masks and their shape (T, H, W) in shape"
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise Location(path).error(f"no masks: {cut(reason[0], 200)}", expected) from error
-
-
-def _header(archive: zipfile.ZipFile, part: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
-    """Type and shape that a part declares."""
-    with archive.open(part) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, kind = read(stream)
-    return kind, shape
-
-
-def _part(archive: zipfile.ZipFile, part: str) -> NDArray[Any]:
-    with archive.open(part) as stream:
-        array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-        if stream.read(1):  # at the end the sum is checked
-            raise ValueError(f"{part} holds more than it declares")
-    return array

@@ -22,6 +22,8 @@ from poseppl.files.bounded_reading import read_bytes
 MAX_IMAGE_BYTES = 2**30
 MAX_PIXELS = 2**26
 """Of one picture: 8192 x 8192, twice what a video of 7680 x 4320 has. Its header is read before anything is decoded."""
+MAX_CHUNKS = 100_000
+_PNG = b"\x89PNG\r\n\x1a\n"
 Image = NDArray[np.uint8]
 
 
@@ -60,6 +62,7 @@ def read_image(path: FilePath, camera: str | None = None, frame: int | None = No
     cv2 = opencv()
     at = place(camera, frame, path)
     data = read_bytes(path, max_bytes=MAX_IMAGE_BYTES)
+    _check_chunks(data, at)
     _check_header(data, at)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
@@ -95,6 +98,22 @@ def _check_header(data: bytes, at: Location) -> None:
         except Exception:  # a damaged header may bring about anything; whether it is an image is for OpenCV to say
             return
     check_pixels(size, at)
+
+
+def _check_chunks(data: bytes, at: Location) -> None:
+    """Check the lengths of a PNG's chunks: OpenCV makes room for a chunk of any length before it reads it."""
+    if not data.startswith(_PNG):
+        return
+    place = len(_PNG)
+    for _ in range(MAX_CHUNKS):
+        length = int.from_bytes(data[place : place + 4])
+        if place + 12 + length > len(data):
+            problem = f"a chunk of the PNG has {length} bytes, and the rest of the file {max(len(data) - place - 12, 0)}"
+            raise at.error(problem, "a whole file; it may have been cut off")
+        if data[place + 4 : place + 8] == b"IEND":
+            return
+        place += 12 + length
+    raise at.error(f"more than {MAX_CHUNKS} chunks in the PNG", "an image in fewer")
 
 
 def encode_image(image: Image, suffix: str = ".png", *, file: FilePath | None = None) -> bytes:

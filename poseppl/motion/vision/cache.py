@@ -6,6 +6,7 @@ settings and OpenCV's version: whatever changes one of them finds another folder
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,8 @@ from poseppl.motion.vision.masks import Mask
 
 VERSION = 3
 """Counted up when the same settings come to mean other features."""
+_BYTES_PER_PIXEL, _ROOM = 64, 2**22
+"""Bytes that the features of a frame may take, at most."""
 
 
 def video_features(
@@ -59,7 +62,8 @@ def video_features(
     if chosen.background.learning_rate > 0:
         raise ValueError("background.learning_rate is above 0. Expected 0 where features are taken of a video; use extract.")
     key = None if folder is None else feature_key(video, chosen, plate, ignore, bad_mask)
-    store = None if folder is None else Store(Path(folder) / str(key), "features", note, compressed=True)
+    room = _ROOM + _BYTES_PER_PIXEL * math.prod(video.size)
+    store = None if folder is None else Store(Path(folder) / str(key), "features", note, max_unpacked=room)
     background: Background | None = None
     frames = _Frames(video)
     end = stop if stop is not None else video.num_frames

@@ -143,7 +143,7 @@ def test_features_are_kept(tmp_path, monkeypatch):
 @pytest.mark.full
 def test_features_damaged_anywhere_are_taken_again(tmp_path):
     kept = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, previous=frame(4))
-    store, name = Store(tmp_path, "features", print, compressed=True), "a"
+    store, name = Store(tmp_path, "features", print, max_unpacked=2**20), "a"
     store.save(name, kept._asdict(), {})
     data, refused = (tmp_path / "a.npz").read_bytes(), 0
     for damaged in [unbalanced(data), *damaged_copies(data, 500)]:
