@@ -39,7 +39,7 @@ def cut(text: object, length: int = MAX_MESSAGE) -> str:
     if len(whole) <= length:
         return whole
     start, end = (length - 2) // 2, (length - 3) // 2
-    return f"{whole[:start]}...{whole[-end:]}"
+    return f"{whole[:start]}...{whole[len(whole) - end :]}"
 
 
 def brief(value: object) -> str:

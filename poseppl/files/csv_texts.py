@@ -1,6 +1,6 @@
 """Texts in CSV files that spreadsheets would run.
 
-A spreadsheet takes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula, which may call
+A spreadsheet takes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a line end for a formula, which may call
 programs and servers. A name from a file of somebody else's may be one. An apostrophe before it makes a text of it.
 """
 
@@ -11,17 +11,22 @@ from typing import Any
 
 from poseppl.files.decimal_numbers import decimal_number
 
-_FORMULA = re.compile("'*[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")  # the last four are those of full width
+_FORMULA = re.compile("'*[=+\\-@\t\n\uff1d\uff0b\uff0d\uff20]")  # the last four are those of full width
 
 
 def shielded(cell: Any) -> Any:
     """A cell as CSV files have it: an apostrophe before a text that begins as a formula; numbers stay as they are.
 
+    A carriage return, at which Python's writer does not quote a text, and a spreadsheet begins a row, becomes a newline.
+
     >>> shielded("=1+1"), shielded("-1.5"), shielded(-1.5), shielded("hip")
     ("'=1+1", '-1.5', -1.5, 'hip')
     """
-    formula = isinstance(cell, str) and _FORMULA.match(cell) and cell != "-inf" and decimal_number(cell) is None
-    return f"'{cell}" if formula else cell
+    if not isinstance(cell, str):
+        return cell
+    text = cell.replace("\r", "\n")
+    formula = _FORMULA.match(text) and text != "-inf" and decimal_number(text) is None
+    return f"'{text}" if formula else text
 
 
 def unshielded(word: str) -> str:

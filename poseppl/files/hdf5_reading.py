@@ -104,7 +104,9 @@ def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
     declared = int(count * item.dtype.itemsize)
     chunk = math.prod(item.chunks or ()) * item.dtype.itemsize
     if chunk > max(declared, MAX_CHUNK_BYTES):
-        raise at.error(f"chunks of {chunk / 2**20:.0f} MiB", f"at most {MAX_CHUNK_BYTES // 2**20} MiB where it is smaller itself")
+        raise at.error(
+            f"chunks of {chunk / 2**20:.0f} MiB", f"at most {MAX_CHUNK_BYTES // 2**20} MiB where it is smaller itself"
+        )
     if declared > DEFLATE * item.id.get_storage_size() + _SLACK:
         raise at.error(f"it declares {declared / 2**20:.0f} MiB", "what its part of the file can hold")
     if text is None or text.length is not None:

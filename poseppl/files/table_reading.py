@@ -21,7 +21,8 @@ from poseppl.files.netcdf_reading import read_netcdf
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
 _MISSING = ("", "na", "nan", "null", "none")
 """What stands for a number that is missing, in any case."""
-_MOST_BYTES = 2**30
+_MOST_BYTES, _MOST_NUMBERS = 2**30, 40_000_000
+"""Of a Parquet file, packed, and unpacked."""
 _Read = Callable[[], NDArray[Any]]
 """Reads a column, or raises what is wrong with it."""
 
@@ -95,7 +96,7 @@ def _column(name: str, places: Sequence[Location], words: Sequence[str]) -> NDAr
         at, some = places[wrong[0]], any(not math.isnan(number) for number in numbers if number is not None)
         told = WordAmongNumbers if some else InputError
         more = f", as in {len(wrong) - 1} more rows" if len(wrong) > 1 else ""
-        expected = "a finite decimal number, or nothing where none is"
+        expected = "a number, or nothing where none is"
         raise told(f"{brief(words[wrong[0]])}{more}", file=at.file, line=at.line, field=name, expected=expected)
     return np.array(numbers, float)
 
@@ -107,20 +108,29 @@ def _number(word: str) -> float | None:
 
 
 def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:
+    """The columns of numbers alone are read: a few bytes may stand for texts without end, in each row one of a dictionary."""
     source, at = check_file(path, max_bytes=_MOST_BYTES), Location(path)
     try:
-        parquet: Any = import_module("pyarrow.parquet")
+        arrow, parquet = (import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ImportError:
         raise at.error("Parquet needs pyarrow", "pip install 'poseppl[tables]', or a CSV file") from None
+    of_numbers = (arrow.types.is_integer, arrow.types.is_floating, arrow.types.is_boolean)
     try:
-        whole = parquet.read_metadata(source)
-        size = sum(whole.row_group(index).total_byte_size for index in range(whole.num_row_groups))
-        table = parquet.read_table(source) if size <= _MOST_BYTES else None
+        kinds = {field.name: field.type for field in parquet.read_schema(source)}
+        numeric = [name for name, kind in kinds.items() if any(is_kind(kind) for is_kind in of_numbers)]
+        count = parquet.read_metadata(source).num_rows * len(numeric)
+        table = parquet.read_table(source, columns=numeric) if count <= _MOST_NUMBERS else None
     except Exception as error:  # pyarrow's own errors, of which there are many
         raise at.error(f"no Parquet: {error}", _EXPECTED) from error
     if table is None:
-        raise at.error(f"declares {size / 2**20:.0f} MiB", f"at most {_MOST_BYTES // 2**20} MiB unpacked")
-    return {name: partial(_numbers, at.in_field(name), table[name].to_pandas().to_numpy()) for name in table.column_names}
+        raise at.error(f"declares {count} numbers", f"at most {_MOST_NUMBERS}")
+
+    def read(name: str) -> NDArray[Any]:
+        if name not in numeric:
+            raise at.in_field(name).error(f"{kinds[name]}", "numbers, one row a frame")
+        return _numbers(at.in_field(name), table[name].to_pandas().to_numpy())
+
+    return {name: partial(read, name) for name in kinds}
 
 
 def _numbers(at: Location, values: NDArray[Any]) -> NDArray[Any]:

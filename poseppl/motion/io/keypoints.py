@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.bounded_reading import read_bytes
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
@@ -72,7 +72,7 @@ def read_keypoints(
         case "caliscope":
             found = _camera_of(read_caliscope_points(path), camera, Location(path))
         case _:
-            raise InputError(f"{str(kind)[:40]!r}", field="--detector", expected=", ".join(DETECTORS))
+            raise InputError(brief(kind), field="--detector", expected=", ".join(DETECTORS))
     if layout is not None and layout != found.layout:
         chosen = check_layout(layout, len(found.names), Location(path))
         raise InputError(f"{kind} names its points, which are not {chosen}", field="--layout", expected="no --layout")

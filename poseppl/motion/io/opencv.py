@@ -108,8 +108,9 @@ def _check_chunks(data: bytes, at: Location) -> None:
     for _ in range(MAX_CHUNKS):
         length = int.from_bytes(data[place : place + 4])
         if place + 12 + length > len(data):
-            problem = f"a chunk of the PNG has {length} bytes, and the rest of the file {max(len(data) - place - 12, 0)}"
-            raise at.error(problem, "a whole file; it may have been cut off")
+            rest = max(len(data) - place - 12, 0)
+            problem = f"cannot be decoded: a chunk of the PNG has {length} bytes, and the rest of the file {rest}"
+            raise at.error(problem, "an image, whole; it may have been cut off")
         if data[place + 4 : place + 8] == b"IEND":
             return
         place += 12 + length

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
@@ -132,7 +132,7 @@ def sources_of_scene(folder: FilePath, cameras: Sequence[str] = ()) -> VideoSour
     for record in records:
         if Path(record.name).name != record.name:
             expected = "the name of a file in the scene's folder"
-            raise InputError(f"a camera called {record.name[:80]!r}", file=place / "Calib.toml", expected=expected)
+            raise InputError(f"a camera called {brief(record.name)}", file=place / "Calib.toml", expected=expected)
     videos = tuple(open_video(place / f"{record.name}.mp4", record.name) for record in records)
     plates = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
     occlusion = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
