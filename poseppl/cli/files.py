@@ -25,7 +25,7 @@ def contents_of(*results: str | Path) -> Iterator[None]:
     """
     try:
         yield
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         reason = cut((str(error).strip().splitlines() or [""])[0], 120)
         expected = "a result as poseppl track or smooth wrote it; if it is one, --debug shows where this came up"
         raise InputError(

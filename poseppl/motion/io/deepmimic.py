@@ -20,6 +20,7 @@ from poseppl.motion.io.motion import Motion, joint_positions, z_up
 
 _WIDTHS = {"none": 4, "spherical": 4, "revolute": 1, "fixed": 0}
 _MAX_JOINTS = 500
+_LARGEST = 1e6
 _MM = 1000.0
 
 
@@ -89,7 +90,7 @@ def _joint(at: Location, index: int, row: Any) -> _Joint:
     if kind not in _WIDTHS or turned or not np.isfinite(offset).all():
         raise at.error(f"joint {brief(name)} is not supported", f"one of {', '.join(_WIDTHS)}")
     if not (-1 <= parent < index) or (parent == -1) != (index == 0):
-        raise at.error(f"the parent of {brief(name)} is {parent}", "an earlier joint")
+        raise at.error(f"the parent of {brief(name)} is {brief(parent)}", "an earlier joint")
     return _Joint(name, parent, offset, _WIDTHS[kind])
 
 
@@ -100,9 +101,9 @@ def _read_rows(path: FilePath, width: int) -> Floats:
     for index, row in enumerate(listed):
         if not isinstance(row, list) or len(row) != width or not all(type(value) in (int, float) for value in row):
             raise at.error(f"frame {index} is no row of {width} numbers")
+    if not all(abs(value) <= _LARGEST for row in listed for value in row):
+        raise at.error("a number that is not finite, or absurdly large", f"at most {_LARGEST:g}")
     rows = np.array(listed, dtype=np.float64)
-    if not np.isfinite(rows).all() or np.abs(rows).max() > 1e6:
-        raise at.error("a number that is not finite, or absurdly large")
     if not (rows[: max(1, len(rows) - 1), 0] > 0).all():
         raise at.error("a frame without duration")
     return rows

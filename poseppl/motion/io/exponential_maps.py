@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location, cut
+from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.bounded_reading import read_json
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
@@ -73,7 +73,7 @@ def _read_skeleton(path: FilePath) -> tuple[tuple[int, ...], Floats]:
         raise at.error(f"no skeleton: {cut(error, 80)}", expected) from error
     for joint, parent in enumerate(parents):
         if not -1 <= parent < joint or (parent == -1) != (joint == 0):
-            raise at.in_field("parent").error(f"the parent of joint {joint} is {parent}", "an earlier joint")
+            raise at.in_field("parent").error(f"the parent of joint {joint} is {brief(parent)}", "an earlier joint")
     if not (np.abs(offsets) <= LARGEST).all():
         raise at.in_field("offset").error("a number that is not finite, or too large", "at most 1e9")
     return tuple(parents), offsets

@@ -41,6 +41,7 @@ def test_the_last_frame_has_no_duration(tmp_path):
         (("clip", "-1.57079633]", "-1.57079633, 0]"), "frame 1 is no row of 13 numbers"),
         (("clip", '"Frames"', '"Rows"'), "no frames"),
         (("clip", "[0.5, 0,", "[0, 0,"), "without duration"),
+        (("clip", "[0.5, 0,", f"[0.5, {10**400},"), "not finite, or absurdly large"),
         (("clip", "{", "("), "malformed JSON"),
         (("character", '"Parent": 2', '"Parent": 7'), "parent of 'ankle' is 7"),
         (("character", '"revolute"', '"ball"'), "joint 'knee' is not supported"),
