@@ -26,7 +26,7 @@ class RangeError(ValueError):
     """
 
     def __init__(self, setting: str, value: Any, expected: str) -> None:
-        super().__init__(f"{setting} is {brief(value) if isinstance(value, str) else cut(value)}. Expected {expected}.")
+        super().__init__(f"{setting} is {brief(value) if isinstance(value, str | int) else cut(value)}. Expected {expected}.")
         self.setting, self.value, self.expected = setting, value, expected
 
 

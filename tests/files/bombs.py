@@ -25,6 +25,7 @@ from poseppl.files.bounded_reading import read_json, read_toml, read_xml
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.hdf5_reading import array, open_hdf5
 from poseppl.files.store import Store
+from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras_opencap import read_opencap_camera
 from poseppl.motion.io.deeplabcut_h5 import read_deeplabcut_h5
 from poseppl.motion.io.opencv import read_image
@@ -37,6 +38,8 @@ _HASHED = b"\x80\x02}" + _DOUBLED + b"K\x01s."
 _TEXT = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000
 _COPIED = b"\x80\x03]c_codecs\nencode\nq\0" + _TEXT + b"X\6\0\0\0latin1\x86q\x0100(" + b"h\0h\1R" * 5_000 + b"e."
 _WRITTEN = b"\x80\x02]cnumpy\ndtype\n" + _DOUBLED + b"\x85Ra."
+_SPARSE = b"sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y\n"
+_SPARSE += b"".join(b"%d,0,99,999,1,1\n" % t for t in range(9999))
 _YAML_LINE = b"1234567.123456123456123456123456123456,\n"
 
 
@@ -96,6 +99,8 @@ BOMBS: dict[str, tuple[Any, Callable[[Path], Any]]] = {
     "key.toml": (b".".join([b"a"] * 500_000) + b" = 1", read_toml),
     "quoted.toml": (b'"\\"".' * 200_000 + b"a = 1", read_toml),
     "list.yml": (b"%YAML:1.0\n---\na: [\n" + _YAML_LINE * 99_000 + b"1. ]\n", read_opencv_yaml),
+    "spaces.yml": (b"%YAML:1.0\n---\na" + b" " * 4_000_000 + b"b\n", read_opencv_yaml),
+    "points.csv": (_SPARSE, read_caliscope_points),
     "lists.json": (b"[" + b"[]," * 3_000_000 + b"[]]", read_json),
     "levels.json": (b"[" * 10**6, read_json),
     "columns.csv": (b"," * 10**7, lambda path: list(rows_of_csv(path))),
@@ -125,6 +130,7 @@ def _peak() -> float:
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+    resource.setrlimit(resource.RLIMIT_DATA, (2**32, 2**32))
     found = {}
     for name, (content, read) in BOMBS.items():
         path = Path(sys.argv[1], name)

@@ -30,7 +30,7 @@ def test_bombs_are_refused_or_read_in_a_second_and_200_mib(tmp_path: Path) -> No
     )
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout)
-    assert len(found) == 18
+    assert len(found) == 20
     for name, (seconds, mib, message) in found.items():
         assert seconds < MAX_SECONDS and mib < MAX_MIB, (name, seconds, mib)
         assert message.startswith("read") == (name in READ), message

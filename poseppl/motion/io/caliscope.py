@@ -18,7 +18,8 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.csv_reading import rows_of_csv
-from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople, detected_people
+from poseppl.motion.io.camera_fields import MAX_CAMERAS
+from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople, check_room, detected_people
 from poseppl.motion.io.text_parsing import parse_frame, parse_number
 
 _COLUMNS = {
@@ -62,11 +63,16 @@ def read_caliscope_points(path: FilePath) -> dict[str, DetectedPeople]:
     at, header = next(lines, (Location(path), []))
     columns = _columns(at, header)
     rows = [_point(here, {field: row[column] for field, column in columns.items()}) for here, row in lines]
-    cameras = sorted({row.camera for row in rows}, key=lambda name: (len(name), name))
-    if not cameras:
+    if not rows:
         raise Location(path).error("the file holds no point", "at least one row after the header")
+    cameras: dict[str, list[_Point]] = {}
+    for row in rows:
+        cameras.setdefault(row.camera, []).append(row)
+    if len(cameras) > MAX_CAMERAS:
+        raise Location(path).error(f"points of {len(cameras)} cameras", f"at most {MAX_CAMERAS}")
     count = max(row.point for row in rows) + 1
-    return {name: _camera([row for row in rows if row.camera == name], count, Location(path)) for name in cameras}
+    names = sorted(cameras, key=lambda name: (len(name), name))
+    return {name: _camera(cameras[name], count, Location(path)) for name in names}
 
 
 def _columns(at: Location, header: list[str]) -> dict[str, int]:
@@ -102,6 +108,7 @@ def _camera(rows: list[_Point], count: int, at: Location) -> DetectedPeople:
     people: dict[int, list[Floats]] = {}
     times = {row.frame: row.time for row in rows}
     seen: set[tuple[int, int, int]] = set()
+    check_room(len(times), max(row.person for row in rows) + 1, count, at)
     for row in rows:
         key = (row.frame, row.person, row.point)
         if key in seen:

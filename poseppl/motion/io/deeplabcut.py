@@ -22,7 +22,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.csv_reading import Line, rows_of_csv
-from poseppl.motion.io.detections import DetectedPeople, check_names, detected_people
+from poseppl.motion.io.detections import DetectedPeople, check_names, check_room, detected_people
 from poseppl.motion.io.json_people import frame_number
 from poseppl.motion.io.text_parsing import parse_number, some
 
@@ -107,6 +107,7 @@ def people_of_rows(
         number = frame_number(word, here)
         if number in people:
             raise here.error(f"frame {number} comes twice", "one row a frame")
+        check_room(len(people) + 1, max(len(columns.individuals), 1), len(columns.names), at)
         people[number] = columns.people(values)
     return detected_people(people, columns.names, at, individuals=columns.individuals)
 

@@ -17,7 +17,7 @@ from poseppl.errors import FilePath, Location
 from poseppl.files.hdf5_reading import array, attribute, child, open_hdf5, texts
 from poseppl.files.plain_pickle import plain_of_pickle
 from poseppl.motion.io.deeplabcut import MAX_COLUMNS, people_of_rows, point_columns
-from poseppl.motion.io.detections import DetectedPeople
+from poseppl.motion.io.detections import MAX_FRAMES, DetectedPeople
 
 _EXPECTED = "the table of points that DeepLabCut writes, such as videoDLC_resnet50.h5"
 _LEVELS = {3: ("scorer", "bodyparts", "coords"), 4: ("scorer", "individuals", "bodyparts", "coords")}
@@ -57,8 +57,8 @@ def read_deeplabcut_h5(path: FilePath) -> DetectedPeople:
         raise at.error("columns with other names than scorer, bodyparts, coords", _EXPECTED)
     header = dict(zip(_LEVELS[depth.pop()], map(list, zip(*table.columns, strict=True)), strict=True))
     columns = point_columns(header, at)
-    values = table.values[:, columns.columns].tolist()
-    return people_of_rows(columns, ((at, word, row) for word, row in zip(table.rows, values, strict=True)), at)
+    values = table.values[:, columns.columns]
+    return people_of_rows(columns, ((at, word, row.tolist()) for word, row in zip(table.rows, values, strict=True)), at)
 
 
 def is_pandas(file: h5py.File, name: str) -> bool:
@@ -107,17 +107,23 @@ def _index(group: Any, at: Location) -> list[str]:
 
 def _level(group: Any, labels: str, codes: str, at: Location) -> list[str]:
     """One level of names: the labels that codes stand for."""
-    words, numbers = texts(array(group, labels, at)), np.ravel(array(group, codes, at))
+    words, numbers = texts(_listed(array(group, labels, at), at)), np.ravel(_listed(array(group, codes, at), at))
     if numbers.dtype.kind not in "iu" or not all(0 <= number < len(words) for number in numbers):
         raise at.in_field(codes).error("codes of no label", _EXPECTED)
     return [words[number] for number in numbers]
 
 
 def _words(index: Any, at: Location) -> list[str]:
-    values = np.asarray(index)
+    values = _listed(index, at)
     if values.ndim != 1 or values.dtype.kind not in "iuS":
         raise at.error("an index that is none", _EXPECTED)
     return texts(values) if values.dtype.kind == "S" else list(map(str, values.tolist()))
+
+
+def _listed(values: Any, at: Location) -> Any:
+    if values.size > MAX_FRAMES:
+        raise at.error(f"{values.size} names or numbers of frames", f"at most {MAX_FRAMES}")
+    return np.asarray(values)
 
 
 def _numbers(values: Any, at: Location) -> Floats:

@@ -76,11 +76,7 @@ def detected_people(
     count = max(map(len, people.values()))
     if last - first >= MAX_FRAMES:
         raise at.error(f"frames {first} to {last}", f"at most {MAX_FRAMES} frames")
-    if count > MAX_PEOPLE or len(names) > MAX_POINTS:
-        expected = f"at most {MAX_PEOPLE} and {MAX_POINTS}"
-        raise at.error(f"{count} people of {len(names)} points in a frame", expected)
-    if (last - first + 1) * count * len(names) * 3 > MAX_VALUES:
-        raise at.error(f"{last - first + 1} frames of {count} x {len(names)} points", f"at most {MAX_VALUES} numbers")
+    check_room(last - first + 1, count, len(names), at)
     check_names(names, "points", at)
     table = np.full((last - first + 1, count, len(names), 3), np.nan)
     for number, found in people.items():
@@ -94,6 +90,18 @@ def detected_people(
         raise at.error(f"the time of frame {numbers[known[back[0] + 1]]} is before that of the frame before", "ascending times")
     timed = clock if known.size else None
     return people_of_table(table, numbers, names, at)._replace(individuals=tuple(individuals), times=timed)
+
+
+def check_room(frames: int, people: int, points: int, at: Location) -> None:
+    """Check, before room is made for them, that there are not too many people, points, or numbers in all.
+
+    Raises:
+        InputError: There are.
+    """
+    if people > MAX_PEOPLE or points > MAX_POINTS:
+        raise at.error(f"{people} people of {points} points in a frame", f"at most {MAX_PEOPLE} and {MAX_POINTS}")
+    if frames * people * points * 3 > MAX_VALUES:
+        raise at.error(f"{frames} frames of {people} x {points} points", f"at most {MAX_VALUES} numbers")
 
 
 def people_of_table(table: Floats, frames: Integers, names: Sequence[str], at: Location) -> DetectedPeople:

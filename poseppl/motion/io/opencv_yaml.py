@@ -26,7 +26,8 @@ from poseppl.motion.io.text_parsing import some
 MAX_LINES = 100_000
 MAX_NUMBERS = 100_000
 _DEEPEST = 20
-_KEY = re.compile(r"""(?:"([^"\\]{1,200})"|'([^'\\]{1,200})'|([A-Za-z0-9_.\- ]{1,200}?))\s*:(?:\s+(.*)|)$""")
+_PLAIN = r"[\w.\-](?:[\w.\- ]{0,198}[\w.\-])?"
+_KEY = re.compile(rf"""(?:"([^"\\]{{1,200}})"|'([^'\\]{{1,200}})'|({_PLAIN}))\s*:(?:\s+(.*)|)$""", re.ASCII)
 _MATRIX = "!!opencv-matrix"
 _Line = tuple[int, int, str]
 """Number of the line, its indent, its text."""

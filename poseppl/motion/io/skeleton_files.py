@@ -25,7 +25,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from poseppl.errors import FilePath, Location, brief, cut
+from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.detections import MAX_POINTS, check_names
 from poseppl.motion.io.length_units import mm_per_unit
@@ -130,7 +130,7 @@ def _positive(table: Mapping[str, Any], name: str, at: Location, most: float = L
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
-        raise at.error(f"{name} is {cut(value, 40)}", f"a positive number up to {most:g}")
+        raise at.error(f"{name} is {brief(value)}", f"a positive number up to {most:g}")
     return float(value)
 
 

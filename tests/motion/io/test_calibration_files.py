@@ -192,7 +192,7 @@ def test_a_malicious_pickle_runs_nothing(tmp_path: Path) -> None:
         (opencap(rotation=np.diag([1.0, 1.0, 2.0])), "rotation: "),
         (opencap(rotation="up"), "rotation: not an array of numbers"),
         (opencap(translation=np.zeros(2)), "translation: 2 values"),
-        (opencap(imageSize=[[1280], [720, 1]]), "imageSize: not an array of numbers"),
+        (opencap(imageSize=[1280, [720, 1]]), "imageSize: not an array of numbers"),
         (opencap(imageSize=[1280]), "imageSize: .1280.0. .expected .width, height. in pixels"),
         (opencap(distortion=np.full(5, np.nan)), "distortion: not finite"),
     ],
