@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import click
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
 from poseppl.errors import InputError, brief
+from poseppl.files.decimal_numbers import decimal_number
 
 EXAMPLES = """
 \b
@@ -66,11 +68,11 @@ def _read_settings(context: click.Context, option: click.Parameter, path: str | 
 
 
 def _numbers(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> dict[str, float]:
-    pairs = [word.partition("=") for word in words]
-    try:
-        return {name.strip(): float(value) for name, _, value in pairs}
-    except ValueError:
-        raise click.BadParameter("expected NAME=NUMBER, such as noise=0.3") from None
+    found = {name.strip(): decimal_number(value.strip()) for name, _, value in (word.partition("=") for word in words)}
+    numbers = {name: value for name, value in found.items() if value is not None and math.isfinite(value)}
+    if len(numbers) < len(found):
+        raise click.BadParameter("expected NAME=NUMBER, such as noise=0.3")
+    return numbers
 
 
 model_options = option_group(

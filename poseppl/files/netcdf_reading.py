@@ -124,4 +124,6 @@ def _attribute_bytes(at: Location, item: Any) -> int:
             if count > MAX_DIMENSIONS:
                 raise at.error(f"an attribute of {count} texts", f"at most {MAX_DIMENSIONS}")
             total += sum(len(value) for value in np.ravel(np.asarray(item.attrs[name], object)))
+        if total > item.file.id.get_filesize():  # many texts may be one and the same in the file
+            raise at.error("attributes of more bytes than the file", "no more")
     return total

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseppl.cli import main
 from poseppl.errors import InputError
 from poseppl.files.table_reading import read_table
 
@@ -34,6 +35,12 @@ def test_numbers_of_tables_are_decimal_and_finite(tmp_path: Path, word: str) -> 
     path.write_text(f"x,y\n1,2\n3,{word}\n", encoding="utf-8")
     table = read_table(path)
     assert list(table.columns) == ["x"] and "table.csv, line 3, y: " in str(table.unread["y"])
+
+
+@pytest.mark.parametrize("word", ["noise=1_000", "noise=inf", "noise=\uff11", "noise", "noise="])
+def test_numbers_of_options_are_decimal_and_finite(capsys: pytest.CaptureFixture[str], word: str) -> None:
+    assert main(["run", "model.py", "--data", "data.csv", "--param", word]) == 2
+    assert "expected NAME=NUMBER" in capsys.readouterr().err
 
 
 def test_numbers_of_tables_have_no_other_bound(tmp_path: Path) -> None:

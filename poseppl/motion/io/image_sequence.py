@@ -44,7 +44,7 @@ def images_in(source: FilePath, camera: str) -> list[Path]:
 
 def _natural_order(path: Path) -> list[tuple[int, int, str]]:
     parts = re.findall(r"\d+|\D+", path.name)
-    return [(0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts]
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def _check_numbers(source: FilePath, camera: str, paths: Sequence[Path]) -> None:
