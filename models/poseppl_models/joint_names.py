@@ -15,14 +15,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 _SKIN = {
-    "pelvis": ("LASI+RASI+LPSI+RPSI", "L.ASIS+R.ASIS+L.PSIS+R.PSIS", "LHip+RHip"),
+    "pelvis": ("LASI+RASI+LPSI+RPSI", "LFWT+RFWT+LBWT+RBWT", "L.ASIS+R.ASIS+L.PSIS+R.PSIS", "LHip+RHip"),
     "chest": ("T10+STRN",),
     "neck": ("C7+CLAV", "C7+L_Sternum+R_Sternum", "R.Clavicle+L.Clavicle"),
     "skull": ("C7+CLAV+LFHD+RFHD+LBHD+RBHD",),
     "crown": ("LFHD+RFHD+LBHD+RBHD",),
 }
-"""Skin markers whose mean lies near each of ours, centimetres off, which the residual tells: Plug-in Gait and two sets of
-OpenSim; and OpenPose's joints."""
+"""Skin markers whose mean lies near each of ours, centimetres off, which the residual tells: Plug-in Gait, with
+CMU's names of the waist too, and two sets of OpenSim; and OpenPose's joints."""
 
 _SKIN_OF_SIDE = {
     "shoulder": ("{S}SHO", "{S}_Shoulder", "{S}.Shoulder"),
@@ -30,6 +30,7 @@ _SKIN_OF_SIDE = {
     "wrist": ("{S}WRA+{S}WRB", "{S}_wrist_radius+{S}_wrist_ulna", "{S}.Wrist"),
     "hip": (
         "{S}ASI+{S}ASI+{S}PSI+{S}PSI+{S}THI",
+        "{S}FWT+{S}FWT+{S}BWT+{S}BWT+{S}THI",
         "{S}_HJC",
         "{S}Hip",
         "{S}.ASIS+{S}.ASIS+{S}.PSIS+{S}.PSIS+{S}.TH1",

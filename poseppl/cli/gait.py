@@ -46,7 +46,7 @@ def fit_gait(
 
     This made the built-in walk. The recording has to hold at least 1.1 cycles (two steps each).
     """
-    from poseppl.cli.console import start_jax
+    from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_writable
     from poseppl.files.atomic_writing import atomic_path
     from poseppl.motion.bodies.body import load_builder
@@ -56,6 +56,8 @@ def fit_gait(
     check_writable([target], [recording, skeleton])
     start_jax()
     motion = read_motion(recording, skeleton, rate=rate)
+    for told in motion.notes:
+        ConsoleProgress(quiet).note(f"{recording}: {told}")
     if frames is not None:
         motion = slice_frames(motion, frames)
     fit = load_builder(GAIT)

@@ -12,7 +12,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 Option = Callable[[Any], Any]
 
 
-OF_RECORDINGS = ("skeleton", "names", "scale", "up")
+OF_RECORDINGS = ("skeleton", "names", "scale")
 OF_PLACED_CAMERAS = ("cameras", "camera_distance", "view")
 
 
@@ -101,8 +101,9 @@ subject_options = option_group(
     ),
     click.option(
         "--up",
-        type=click.Choice(["x", "y", "z"]),
-        help="Axis that points up in a .bvh, .c3d or .trc file. [default: found in the file; y in .trc]",
+        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+        help="Axis that points up in a .bvh, .c3d or .trc file or in --calibration. [default: along which the head is above "
+        "the feet; the choice is printed]",
     ),
 )
 """Who is seen: a recording, or the built-in walk."""

@@ -116,7 +116,7 @@ def simulate(recording: str | None, **options: Any) -> None:
 
 
 def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
-    from poseppl.cli.console import print_table, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.subject import find_subject, look_at_subject, stem_of
     from poseppl.motion.io import read_cameras, write_cameras, write_observations
@@ -133,7 +133,7 @@ def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     if not all(1 <= side <= 100_000 for side in options["size"]):
         raise InputError(f"{options['size']}", field="--size", expected="1 to 100000 pixels")
     start_jax()
-    subject = find_subject(recording, options)
+    subject = find_subject(recording, options, ConsoleProgress(options["quiet"]).note)
     cameras, names = look_at_subject(subject, options)
     if options["camera"] is not None:
         records = read_cameras(options["camera"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,14 @@ from poseppl.cli.options import OF_PLACED_CAMERAS, chosen
 from poseppl.errors import InputError
 
 
-def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
-    """The recorded subject, or the one that walks; its scale, rate, frames and circle as the options say."""
+def find_subject(recording: str | None, options: dict[str, Any], note: Callable[[str], None]) -> Any:
+    """The recorded subject, or the one that walks; its scale, rate, frames and circle as the options say.
+
+    Args:
+        recording: The file, or None.
+        options: Of the command.
+        note: Prints what the file's reader assumed.
+    """
     from poseppl.motion.tracking import recorded_subject, walking_subject
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
@@ -23,7 +30,7 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
             if options[name] is not None:
                 raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
         return walking_subject(model, frames=options["frames"], rate=rate, turn=options.get("turn"))
-    return recorded_subject(
+    subject = recorded_subject(
         recording,
         options["skeleton"],
         model=model,
@@ -31,6 +38,9 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
         turn=options.get("turn"),
         **chosen(options, "frames", "scale", "up", "names", "lengths"),
     )
+    for told in subject.notes:
+        note(f"{recording}: {told}")
+    return subject
 
 
 def given_rate(options: dict[str, Any]) -> float | None:

@@ -247,7 +247,7 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
     if observations is not None:
         if options["camera"] is None:
             raise click.UsageError("--observations needs --camera TOML")
-        refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS), "does not go with --observations")
+        refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS, "up"), "does not go with --observations")
     elif options["stature"] is not None and not options["video"] and not options["keypoints"]:
         raise click.UsageError("--stature goes with --video, --observations or --keypoints; a recording tells its own")
 
@@ -334,5 +334,5 @@ def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tupl
 
     if recording is not None:
         progress.stage("fitting the body to the recording")
-    subject = find_subject(recording, options)
+    subject = find_subject(recording, options, progress.note)
     return subject, *look_at_subject(subject, options)

@@ -191,8 +191,8 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
         raise click.UsageError("--keypoints needs --calibration FILE")
     if options["detector_errors"] is not None and options["noise"] is not None:
         raise click.UsageError("give --detector-errors or --noise, not both")
-    names = OF_RECORDINGS[1:] if options["skeleton"] is not None and wants_points(options) else OF_RECORDINGS
-    refuse((*names, *OF_PLACED_CAMERAS, "camera"), "does not go with --keypoints")
+    with_skeleton = options["skeleton"] is not None and wants_points(options)
+    refuse((*OF_RECORDINGS[with_skeleton:], *OF_PLACED_CAMERAS, "camera"), "does not go with --keypoints")
 
 
 def wants_points(options: dict[str, Any]) -> bool:
@@ -225,7 +225,7 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
 
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
-        read_calibration(options["calibration"], options["unit"]),
+        read_calibration(options["calibration"], options["unit"], options.get("up")),
         clocks=_clocks(options, given_rate(options)),
         rate=given_rate(options),
         mend=not options["keep_detections"],

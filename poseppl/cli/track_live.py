@@ -133,7 +133,7 @@ class _Follower:
 
         self._options, self._settings, self._rate, self._table, self._progress = options, settings, rate, table, progress
         self._folders = words_of_keypoints(options["keypoints"])
-        self._calibration = read_calibration(options["calibration"], options["unit"])
+        self._calibration = read_calibration(options["calibration"], options["unit"], options["up"])
         check_cameras(self._folders, [record.name for record in self._calibration.cameras])
         self._wait, self._idle = (
             default if options[name] is None else options[name] for name, default in (("wait", WAIT), ("idle", IDLE))

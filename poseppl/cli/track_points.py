@@ -57,7 +57,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     refuse(_NOT_WITH, "does not go with --keypoints of named points")
     progress.stage("reading")
     skeleton = None if options["skeleton"] is None else read_skeleton(options["skeleton"])
-    calibration = read_calibration(options["calibration"], options["unit"])
+    calibration = read_calibration(options["calibration"], options["unit"], options["up"])
     recording = read_point_recording(
         words_of_keypoints(options["keypoints"]),
         calibration.cameras,

@@ -162,14 +162,18 @@ def open_sources(options: dict[str, Any]) -> Any:
 
     words = options["video"]
     if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
-        for name in ("calibration", "background", "occlusion", "masks"):
+        for name in ("calibration", "up", "background", "occlusion", "masks"):
             if options[name]:
                 raise InputError(f"{words[0]} has its own", field=f"--{name}", expected="no such option with a scene's folder")
         return sources_of_scene(words[0])
     if options["calibration"] is None:
         raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
     return sources_of_files(
-        words, options["calibration"], plates=options["background"], occlusion=options["occlusion"], masks=options["masks"]
+        words,
+        options["calibration"],
+        plates=options["background"],
+        up=options["up"],
+        **chosen(options, "occlusion", "masks"),
     )
 
 

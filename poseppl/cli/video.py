@@ -34,7 +34,8 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     load_mujoco()
     opencv()
     start_jax()
-    subject = find_subject(recording, options)
+    progress = ConsoleProgress(options["quiet"], doing="rendering")
+    subject = find_subject(recording, options, progress.note)
     setting = build_setting(
         subject.body.tree.marker_names,
         subject.complete_markers(),
@@ -45,7 +46,6 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
         focal=options["focal"],
         seed=options["seed"],
     )
-    progress = ConsoleProgress(options["quiet"], doing="rendering")
     with progress.running():
         progress.stage("rendering", setting.num_frames)
         film_subject(folder, subject, setting, noise=noise, lossless=options["lossless"], advance=progress.advance)

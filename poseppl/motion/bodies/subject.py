@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -15,6 +13,7 @@ from poseppl.errors import InputError, brief
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
 from poseppl.motion.io.motion import Motion
+from poseppl.motion.io.name_matching import folded, without_namespace, without_prefixes
 from poseppl.motion.io.text_parsing import some
 
 
@@ -29,6 +28,7 @@ class MovingSubject(NamedTuple):
         frames: (T,) frame numbers.
         rate: Frames a second.
         source: Where it came from.
+        notes: What the recording's reader assumed or found, a sentence each.
     """
 
     body: Body
@@ -38,6 +38,7 @@ class MovingSubject(NamedTuple):
     frames: Integers
     rate: float
     source: str
+    notes: tuple[str, ...] = ()
 
     def complete_markers(self) -> Floats:
         """The markers, those of the states where their own places are unknown."""
@@ -56,8 +57,9 @@ def match_markers(
         motion: T frames.
         names: The K markers.
         aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
-            missing where one of them is. Where no name of a marker is there as it is written, names are compared without case,
-            punctuation and what stands before a colon. One point is one marker, the first that it fits.
+            missing where one of them is. Where no name of a marker is there as it is written, names are compared without
+            prefixes, case and punctuation (:mod:`poseppl.motion.io.name_matching`). One point is one marker, the first that
+            it fits.
         given: For some markers the points whose mean they are, in place of the aliases.
 
     Returns:
@@ -87,15 +89,13 @@ def match_markers(
     return np.stack([_mean_point(motion, found[marker]) if found[marker] else missing for marker in names], axis=1)
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[^0-9a-z+]", "", name.rpartition(":")[2].lower())
-
-
 def _first_alias(aliases: tuple[str, ...], names: tuple[str, ...], taken: set[str]) -> list[str]:
-    """The points of the first alias that a recording has, as it is written or else as a plain name."""
-    counts = Counter(map(_plain, names))
-    plain = {_plain(name): name for name in names if counts[_plain(name)] == 1}
-    for known, form in (({name: name for name in names}, str), (plain, _plain)):
+    """The points of the first alias that a recording has: as it is written, or else folded, with or without a common prefix."""
+    tables: list[tuple[dict[str, str], Callable[[str], str]]] = [({name: name for name in names}, str)]
+    for bare in (map(without_namespace, names), without_prefixes(names)):
+        plain = [folded(name) for name in bare]
+        tables.append(({own: name for own, name in zip(plain, names, strict=True) if plain.count(own) == 1}, folded))
+    for known, form in tables:
         for alias in aliases:
             points = [known[form(part)] for part in alias.split("+") if form(part) in known]
             if len(points) == alias.count("+") + 1 and not (len(points) == 1 and points[0] in taken):
@@ -139,7 +139,7 @@ def fit_subject(
     body = build({**measured, **(lengths or {})})
     states, residual = fit_states(body.tree, markers, body.rest)
     mean = float(np.nanmean(residual))
-    return MovingSubject(body, states, markers, mean, np.arange(len(states)), motion.rate, motion.source)
+    return MovingSubject(body, states, markers, mean, np.arange(len(states)), motion.rate, motion.source, motion.notes)
 
 
 def _absent(names: tuple[str, ...], markers: NDArray[Any]) -> list[str]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,12 +25,12 @@ from poseppl.files.bounded_reading import read_text
 from poseppl.files.csv_reading import Line
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
 from poseppl.motion.io.text_parsing import lines_of_words, number_rows, parse_number, parse_numbers
+from poseppl.motion.io.vertical_axis import vertical_axis
 
 UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
 MAX_JOINTS = 500
 MAX_POINTS = 5_000_000
-_HEADS = ("head", "neck", "chest", "spine")
 
 
 @dataclass
@@ -63,8 +63,8 @@ def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = Non
     Args:
         path: The .bvh file; each joint with three rotation channels, the root with three position channels besides,
             other joints with or without.
-        scale: Millimetres in one unit of length; guessed by default (see the module), and then named in ``source``.
-        up: The axis that points up, "x", "y" or "z"; by default that along which the head is above the root.
+        scale: Millimetres in one unit of length; guessed by default (see the module), and then named in ``notes``.
+        up: The axis that points up; by default the one along which the head is above the feet.
 
     Returns:
         The motion, Z up, in mm: joints and end sites ("NAME_end").
@@ -83,23 +83,12 @@ def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = Non
     points = joint_positions(parents, offsets, [joint.rotations(values) for joint in joints], offsets[0])
     still = [np.median(offset, axis=0) if offset.ndim == 2 else offset for offset in offsets]
     rest = joint_positions(parents, still, [Rotation.identity()] * len(joints), np.zeros((1, 3)))[0]
-    axis = up or _up_axis(names, points[0], rest)
-    source = str(path)
+    vertical = vertical_axis(names, points, given=up, rest=rest, usual="y", kind="BVH files")
+    notes = [vertical.note()]
     if scale is None:
-        scale = _guess_scale(path, float(np.ptp(rest[:, "xyz".index(axis)])))
-        source = f"{path} (1 unit taken as {scale:.4g} mm)"
-    return Motion(names, z_up(points * scale, axis), parents, rate, source)
-
-
-def _up_axis(names: Sequence[str], first: Floats, rest: Floats) -> str:
-    """The axis along which the head is away from the root, in the first frame or else at rest; or of the largest extent."""
-    numbers = {name.lower(): number for number, name in enumerate(names)}
-    head = next((numbers[name] for name in _HEADS if name in numbers), 0)
-    away, at_rest = (np.abs(places[head] - places[0]) for places in (first, rest))
-    _, second, largest = np.sort(away)
-    if largest < max(2 * second, 1e-6):
-        away = at_rest if at_rest.any() else np.ptp(rest, axis=0)
-    return "xyz"[int(np.argmax(away))] if away.any() else "y"
+        scale = _guess_scale(path, float(np.ptp(rest[:, "xyz".index(vertical.axis[-1])])))
+        notes.append(f"1 unit is taken as {scale:.4g} mm, from the height at rest. --scale sets another")
+    return Motion(names, z_up(points * scale, vertical.axis), parents, rate, str(path), tuple(notes))
 
 
 def _guess_scale(path: FilePath, height: float) -> float:

@@ -16,6 +16,7 @@ from poseppl.motion.io.c3d_numbers import real_numbers, whole_numbers
 from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.motion import Motion, z_up
 from poseppl.motion.io.text_parsing import LARGEST, check_distinct
+from poseppl.motion.io.vertical_axis import AXES, vertical_axis
 
 _MODELLED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS", "BONES")
 
@@ -25,7 +26,7 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
 
     Args:
         path: The .c3d file.
-        up: The axis that points up, "x", "y" or "z"; by default what POINT:Y_SCREEN says, else "z".
+        up: The axis that points up; by default what POINT:Y_SCREEN says, or the axis along which the head is above the feet.
 
     Returns:
         The motion, Z up, in mm: a cloud of markers without parents; NaN where a marker was not seen.
@@ -48,7 +49,9 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
         raise at_labels.error("the file holds no marker")
     check_distinct(names, "markers", at_labels)
     markers = _clean(at, positions[:, kept])
-    return Motion(names, z_up(markers, up or _up(at, layout.parameters)), (), layout.rate, str(path))
+    stated = None if up else _stated_up(at, layout.parameters)
+    vertical = vertical_axis(names, markers, given=up, stated=stated, stated_by="POINT:Y_SCREEN", usual="z", kind="C3D files")
+    return Motion(names, z_up(markers, vertical.axis), (), layout.rate, str(path), (vertical.note(),))
 
 
 def _positions(layout: Layout) -> Floats:
@@ -81,14 +84,11 @@ def _unit(parameters: Parameters) -> str:
     return units[0].lower() if units else "mm"
 
 
-def _up(at: Location, parameters: Parameters) -> str:
-    screen = "".join(parameters.texts("POINT:Y_SCREEN")).lower()
-    if not screen:
-        return "z"
-    if screen not in ("+x", "+y", "+z"):
-        expected = "+X, +Y or +Z; give the axis that points up explicitly"
-        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {brief(screen)}", expected)
-    return screen[1]
+def _stated_up(at: Location, parameters: Parameters) -> str | None:
+    screen = "".join(parameters.texts("POINT:Y_SCREEN")).lower().removeprefix("+")
+    if screen and screen not in AXES:
+        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {brief(screen)}", "+X, +Y or +Z; or use --up")
+    return screen or None
 
 
 def _clean(at: Location, positions: Floats) -> Floats:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.errors import Location, brief
+from poseppl.motion.io.motion import z_up
 from poseppl.motion.io.text_parsing import LARGEST
 
 MAX_CAMERAS = 1000
@@ -46,10 +47,12 @@ class Calibration(NamedTuple):
     Attributes:
         cameras: The cameras; where the unit is unknown, its lengths are taken for metres.
         unit: What a unit of the file is; None where the file does not tell.
+        up: The axis of the file that points up, if the user chose it: Z is up in ``cameras`` then.
     """
 
     cameras: tuple[CameraRecord, ...]
     unit: str | None
+    up: str | None = None
 
 
 def camera_of_fields(
@@ -79,6 +82,11 @@ def camera_of_fields(
 def scaled(camera: CameraRecord, mm: float) -> CameraRecord:
     """A camera whose lengths are so many mm each."""
     return camera._replace(translation=np.asarray(camera.translation * mm))
+
+
+def with_z_up(camera: CameraRecord, up: str) -> CameraRecord:
+    """A camera in a world turned so that Z is up, of one with another axis up (:func:`~poseppl.motion.io.motion.z_up`)."""
+    return camera._replace(rotation=z_up(camera.rotation, up))
 
 
 def vector(at: Location, value: object) -> Floats:

@@ -35,6 +35,7 @@ from poseppl.motion.io.camera_fields import (
     Calibration as Calibration,
     CameraRecord as CameraRecord,
     scaled,
+    with_z_up,
 )
 from poseppl.motion.io.cameras_opencap import SUFFIXES as PICKLES, read_opencap_camera
 from poseppl.motion.io.cameras_qualisys import read_qualisys
@@ -42,6 +43,7 @@ from poseppl.motion.io.cameras_toml import read_toml_cameras
 from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, read_opencv_camera
 from poseppl.motion.io.length_units import MM_PER_UNIT
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
+from poseppl.motion.io.vertical_axis import check_axis
 
 _ASSUMED = "m"
 _EXPECTED = (
@@ -66,21 +68,25 @@ def read_cameras(path: FilePath) -> tuple[CameraRecord, ...]:
     return read_calibration(path).cameras
 
 
-def read_calibration(path: FilePath, unit: str | None = None) -> Calibration:
+def read_calibration(path: FilePath, unit: str | None = None, up: str | None = None) -> Calibration:
     """Read calibrated cameras, and whether their unit is known.
 
     Args:
         path: The file, or a folder with one of each camera.
         unit: Of the file's lengths: mm, cm, m, or how many mm; what the file says if None.
+        up: The axis of the file that points up, x, y, z, -x, -y or -z; the cameras are turned so that Z is. Unknown if None.
 
     Raises:
-        InputError: As `read_cameras`; or the unit is none.
+        InputError: As `read_cameras`; or the unit or the axis is none.
     """
+    check_axis(up)
     found = _calibration(path)
-    if unit is None:
-        return found
-    own = MM_PER_UNIT[found.unit or _ASSUMED]
-    return Calibration(tuple(scaled(camera, mm_of_unit(unit) / own) for camera in found.cameras), unit)
+    if unit is not None:
+        own = MM_PER_UNIT[found.unit or _ASSUMED]
+        found = Calibration(tuple(scaled(camera, mm_of_unit(unit) / own) for camera in found.cameras), unit)
+    if up is not None:
+        found = Calibration(tuple(with_z_up(camera, up) for camera in found.cameras), found.unit, up)
+    return found
 
 
 def mm_of_unit(unit: str) -> float:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from poseppl.motion.io.name_matching import without_prefixes
+
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _MARKERS = frozenset({"neck", "pelvis", "skull", "crown", *(f"{limb}_{side}" for limb in _LIMBS for side in "lr")})
 
@@ -33,7 +35,7 @@ def plain_name(name: str) -> str:
 def markers_of_names(names: Sequence[str]) -> dict[str, int]:
     """Numbers of points by the names of a body's markers, where their names tell; others are not used."""
     found: dict[str, int] = {}
-    for number, name in enumerate(names):
+    for number, name in enumerate(without_prefixes(names)):
         plain = plain_name(name)
         if plain in _MARKERS:
             found.setdefault(plain, number)

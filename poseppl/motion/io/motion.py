@@ -27,6 +27,7 @@ class Motion:
         parents: For each joint the index of its parent, -1 for a root; empty for a cloud of markers.
         rate: Frames a second.
         source: Where it came from.
+        notes: What the reader assumed or found, a sentence each.
     """
 
     names: tuple[str, ...]
@@ -34,6 +35,7 @@ class Motion:
     parents: tuple[int, ...]
     rate: float
     source: str
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.positions.ndim != 3 or self.positions.shape[1:] != (len(self.names), 3):
@@ -49,9 +51,15 @@ class Motion:
 
 
 def z_up(positions: Floats, up: str) -> Floats:
-    """Positions (..., 3) with Z up, right-handed, of those with "x", "y" or "z" up."""
+    """Turn positions (..., 3) so that Z is up.
+
+    Args:
+        positions: In axes of which another one may be up.
+        up: The axis that is up, one of :data:`~poseppl.motion.io.vertical_axis.AXES`.
+    """
     x, y, z = np.moveaxis(positions, -1, 0)
-    return np.stack({"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up], axis=-1)
+    turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z), "-x": (y, -z, -x), "-y": (x, z, -y), "-z": (x, -y, -z)}
+    return np.stack(turned[up], axis=-1)
 
 
 def y_up(positions: Floats) -> Floats:

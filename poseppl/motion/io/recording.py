@@ -14,6 +14,7 @@ from poseppl.motion.io.deepmimic import read_deepmimic
 from poseppl.motion.io.exponential_maps import read_exponential_maps
 from poseppl.motion.io.motion import Motion
 from poseppl.motion.io.trc import read_trc
+from poseppl.motion.io.vertical_axis import check_axis
 
 SUFFIXES = (".amc", ".bvh", ".c3d", ".trc", ".txt")
 
@@ -33,7 +34,8 @@ def read_motion(
         skeleton: The .asf file that belongs to an .amc file; DeepMimic's character; the .json file of exponential maps.
         rate: Frames a second of an .amc file or of exponential maps, which do not tell it; 120 by default.
         scale: Millimetres a unit of a .bvh file, which does not tell it; guessed from the skeleton's height by default.
-        up: The axis that points up in a .bvh, .c3d or .trc file, "x", "y" or "z"; found in the file by default (.trc: "y").
+        up: The axis that points up in a .bvh, .c3d or .trc file, one of `AXES`; found by default
+            (:mod:`~poseppl.motion.io.vertical_axis`).
 
     Returns:
         The motion, Z up, in mm.
@@ -51,8 +53,7 @@ def read_motion(
         return _read_with_skeleton(path, suffix, skeleton, CMU_RATE if rate is None else rate)
     if skeleton is not None:
         raise at.in_field("skeleton").error(f"a {suffix} file takes no skeleton")
-    if up is not None and up not in ("x", "y", "z"):
-        raise Location(field="up").error(f"{up!r} is no axis", "x, y or z")
+    check_axis(up)
     if suffix == ".bvh":
         return read_bvh(path, scale=scale, up=up)
     return read_trc(path, up=up) if suffix == ".trc" else read_c3d(path, up=up)

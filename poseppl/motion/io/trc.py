@@ -8,7 +8,8 @@
     1       0.00  1.0 2.0 3.0
 
 Columns are separated by tabs, or by commas. What programs write varies, so that only what the numbers need is taken from the
-header: names, rate and unit. Empty fields are markers that were not seen. Y is up, as OpenSim has it, unless told otherwise.
+header: names, rate and unit. Empty fields are markers that were not seen. The axis that points up is found in the data: OpenSim
+writes Y up, other programs Z.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.motion import Motion, y_up, z_up
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
+from poseppl.motion.io.vertical_axis import vertical_axis
 
 MAX_MARKERS = 10_000
 MAX_VALUES = 40_000_000
@@ -35,7 +37,7 @@ def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
 
     Args:
         path: The .trc file.
-        up: The axis that points up, "x", "y" or "z"; "y" by default.
+        up: The axis that points up; by default the one along which the head is above the feet, else "y".
 
     Returns:
         The motion, Z up, in mm: a cloud of markers without parents; NaN where a marker was not seen. Markers that no frame
@@ -54,7 +56,8 @@ def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
     if not seen:
         raise at.error("no frame shows a marker")
     kept = tuple(names[index] for index in seen)
-    return Motion(kept, z_up(places[:, seen], up or "y"), (), rate, str(path))
+    vertical = vertical_axis(kept, places[:, seen], given=up, usual="y", kind="TRC files")
+    return Motion(kept, z_up(places[:, seen], vertical.axis), (), rate, str(path), (vertical.note(),))
 
 
 def write_trc(path: FilePath, motion: Motion, times: Floats, frames: Integers) -> None:

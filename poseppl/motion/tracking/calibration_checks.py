@@ -1,4 +1,4 @@
-"""What a person who was found tells of a calibration that cannot be right: its unit of length, and which of its axes is up.
+"""What a person tells of a calibration: a unit of length that cannot be right, and which axis points up.
 
 Neither shows in the pictures: a world that is a hundred times as large, or lies on its side, fits them as well.
 """
@@ -10,24 +10,46 @@ from collections.abc import Sequence
 import numpy as np
 
 from poseppl.arrays import Floats
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.triangulation import triangulate, viewing_rays
+from poseppl.motion.io.vertical_axis import VerticalAxis, named_axis, vertical_axis
 from poseppl.motion.tracking.calibration_units import LARGEST_FACTOR, STATURE, segment_ratios
 
-_UPRIGHT = 0.5
-"""Cosine of the angle between trunk and Z, at least, of a person who stands, sits or bends forward."""
-_SHOULDERS, _HIPS = ("shoulder_l", "shoulder_r"), ("hip_l", "hip_r")
+
+def vertical_of_calibration(cameras: Cameras, points: Floats, confidence: Floats, markers: Sequence[str]) -> VerticalAxis:
+    """Which axis of a calibration points up; Z, unless a person stands along another one and the cameras agree.
+
+    Args:
+        cameras: C cameras.
+        points: (T, C, K, 2) of one person's markers, px; NaN where not seen.
+        confidence: (T, C, K).
+        markers: K names.
+    """
+    places = triangulate(cameras, points, confidence)
+    if not np.isfinite(places).all(-1).any():
+        rays = [viewing_rays(cameras, camera, points[:, camera]) for camera in range(points.shape[1])]
+        places = np.concatenate(rays)  # the direction from feet to head in a camera's picture
+    found = vertical_axis(markers, places, usual="z", kind="calibrations")
+    if found.certain and found.axis in ("z", _level(cameras)):
+        return found
+    seen = f"the person's head is above the feet along {found.axis.upper()}, which the cameras contradict"
+    return VerticalAxis("z", seen if found.certain else "no person is seen upright along another axis", False)
+
+
+def _level(cameras: Cameras) -> str:
+    """The axis of the world that is nearest to the cameras' mean upward direction."""
+    up = -np.asarray(cameras.rotation, np.float64)[:, 1].mean(0)
+    axis = int(np.abs(up).argmax())
+    return named_axis(axis, float(up[axis]))
 
 
 def calibration_notes(places: Floats, markers: Sequence[str]) -> list[str]:
-    """What the user should know of the calibration, a sentence each.
+    """Report a person whom the calibration's unit makes too large or too small.
 
     Args:
         places: (T, K, 3) of the body's markers, mm; NaN where unknown.
         markers: K names.
     """
-    return [*_size_note(places, markers), *_up_note(places, markers)]
-
-
-def _size_note(places: Floats, markers: Sequence[str]) -> list[str]:
     table = {name: number for number, name in enumerate(markers)}
     ratios = [ratio for frame in places for ratio in segment_ratios(frame, table)]
     if not ratios or 1 / LARGEST_FACTOR <= (ratio := float(np.median(ratios))) <= LARGEST_FACTOR:
@@ -35,22 +57,4 @@ def _size_note(places: Floats, markers: Sequence[str]) -> list[str]:
     return [
         f"the person is about {STATURE * ratio:.2g} m tall: the calibration's unit of length (--unit), or the size of its "
         "pictures, is wrong"
-    ]
-
-
-def _up_note(places: Floats, markers: Sequence[str]) -> list[str]:
-    if not set(_SHOULDERS + _HIPS) <= set(markers):
-        return []
-    shoulders, hips = (places[:, [markers.index(name) for name in pair]].mean(1) for pair in (_SHOULDERS, _HIPS))
-    trunk = shoulders - hips
-    trunk = trunk[np.isfinite(trunk).all(-1)]
-    if not len(trunk):
-        return []
-    along = np.median(trunk / np.linalg.norm(trunk, axis=-1, keepdims=True), 0)
-    if along[2] >= _UPRIGHT * np.linalg.norm(along):
-        return []
-    axis = int(np.abs(along).argmax())
-    return [
-        f"the person's trunk points along {'-' if along[axis] < 0 else '+'}{'xyz'[axis]} of the calibration, whose z is taken "
-        "for up: unless the person lies down, heights, and the pelvis's angles, are wrong; calibrate with z up"
     ]

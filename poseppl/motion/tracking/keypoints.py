@@ -21,12 +21,13 @@ from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
+from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE
 from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
-from poseppl.motion.tracking.calibration_checks import calibration_notes
+from poseppl.motion.tracking.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
@@ -216,6 +217,8 @@ def scene_of_keypoints(
     build = body_builder(model)
     bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
     points, confidence = points_of(bodies, chosen)
+    records, up_note = _with_z_up(given, records, points, confidence, bodies[0].names)
+    cameras = cameras_of_records(records)
     sizes = np.array([record.size for record in records], float)
     far = LEAST_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
     refined = _refined(cameras, without_leaps(points, far), confidence, pace) if refine else None
@@ -237,7 +240,7 @@ def scene_of_keypoints(
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
     wrong = calibration_notes(places, body.tree.marker_names)
-    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes))
+    seen = (confidence, sizes, (*told, *unit_notes, up_note, *wrong, *clock_notes))
     found = KeypointScene(
         scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size
     )
@@ -263,6 +266,16 @@ def _in_mm(
     records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
     told = f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
     return records, [told]
+
+
+def _with_z_up(
+    given: Calibration, records: list[CameraRecord], points: Floats, confidence: Floats, markers: Sequence[str]
+) -> tuple[list[CameraRecord], str]:
+    """The cameras in a world whose Z is up, and which axis of the calibration that is."""
+    if given.up is not None:
+        return records, f"{given.up.upper()} of the calibration is up, as --up says"
+    vertical = vertical_of_calibration(cameras_of_records(records), points, confidence, markers)
+    return [with_z_up(record, vertical.axis) for record in records], f"the calibration's {vertical.note()}"
 
 
 def noise_of_points(

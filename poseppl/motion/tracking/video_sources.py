@@ -14,7 +14,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.motion.bodies.body import body_builder
-from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
+from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_calibration, read_cameras, read_image
 from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.picture_sizes import resized
@@ -81,6 +81,7 @@ def sources_of_files(
     plates: Sequence[FilePath] = (),
     occlusion: Sequence[FilePath] = (),
     masks: Sequence[FilePath] = (),
+    up: str | None = None,
 ) -> VideoSources:
     """Open videos and what goes with them.
 
@@ -90,11 +91,12 @@ def sources_of_files(
         plates: Pictures or clips of the empty scene, named alike.
         occlusion: Pictures that are white where furniture hides a person, named alike.
         masks: Masks of the person, white on them, as :func:`~poseppl.motion.io.open_masks` opens them, named alike.
+        up: The axis of the calibration that points up; Z if None.
 
     Raises:
         InputError: A file cannot be read, or a name is not that of a calibrated camera.
     """
-    records = read_cameras(calibration)
+    records = read_calibration(calibration, up=up).cameras
     opened = open_named(videos)
     names = [video.camera for video in opened]
     known = [record.name for record in records]

@@ -192,6 +192,25 @@ def test_names_are_compared_without_case_and_punctuation_where_none_fits():
     np.testing.assert_array_equal(np.isfinite(found[0]).all(-1), [True, False])  # one point, one marker
 
 
+def test_a_prefix_that_names_share_is_none_of_the_name():
+    places = np.arange(5 * 3.0).reshape(1, 5, 3)
+    for prefix in ("Actor_", "Armature|", "Subject 1:", "S:Bip01_"):
+        names = tuple(prefix + name for name in ("Hips", "Neck", "L_Thigh", "R_Thigh", "L_UpperArm"))
+        motion = Motion(names, places, (), 100.0, "rig.bvh")
+        found = match_markers(motion, ("pelvis", "neck", "hip_l", "hip_r"), full_body().aliases)
+        np.testing.assert_array_equal(found[0], places[0, :4])
+
+
+def test_cmus_names_of_the_waist_are_those_of_plug_in_gait():
+    places = np.arange(4 * 3.0).reshape(1, 4, 3)
+    motion = Motion(("LFWT", "RFWT", "LBWT", "RBWT"), places, (), 120.0, "cmu.c3d")
+    found = match_markers(motion, ("pelvis", "hip_l"), full_body().aliases)
+    np.testing.assert_array_equal(found[0, 0], places[0].mean(0))
+    thigh = replace(motion, names=(*motion.names, "LTHI"), positions=np.append(places, [[[1.0, 2.0, 3.0]]], 1))
+    hip = match_markers(thigh, ("hip_l",), full_body().aliases)[0, 0]
+    np.testing.assert_allclose(hip, (2 * places[0, 0] + 2 * places[0, 2] + [1, 2, 3]) / 5)
+
+
 @pytest.mark.full
 def test_given_names_come_first():
     places = np.arange(4 * 3.0).reshape(1, 4, 3)

@@ -102,6 +102,18 @@ def test_files_of_opencv(tmp_path: Path) -> None:
         read_calibration(tmp_path, "feet")
 
 
+def test_the_axis_that_is_up_can_be_given(tmp_path: Path) -> None:
+    opencv(tmp_path / "left.yml")
+    found = read_calibration(tmp_path, "mm", "-y")
+    assert found.up == "-y" and found.unit == "mm"
+    point = np.array([3.0, -2.0, 5.0])  # its height is 2, along -y
+    turned = np.array([3.0, 5.0, 2.0])
+    camera = found.cameras[0]
+    np.testing.assert_allclose(camera.rotation @ turned + camera.translation, TURN @ point + PLACE[:, 0], atol=1e-12)
+    with pytest.raises(InputError, match="--up: 'down' is no axis"):
+        read_calibration(tmp_path, up="down")
+
+
 def test_easymocap(tmp_path: Path) -> None:
     write_yaml(tmp_path / "intri.yml", K_1=MATRIX, dist_1=LENS, K_2=MATRIX, dist_2=LENS, H_2=1920, W_2=1088)
     text = (tmp_path / "intri.yml").read_text().replace("---\n", '---\nnames:\n  - "1"\n  - "2"\n', 1)

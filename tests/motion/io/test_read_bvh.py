@@ -38,7 +38,7 @@ def test_scale_is_guessed_from_the_height(tmp_path, factor, unit):
     # The leg is 160 units long, so centimetres make it 1.6 m.
     text = BVH.replace("-80.0", str(-80.0 * factor))
     motion = read(tmp_path, text, up="y")
-    assert f"1 unit taken as {unit:.4g} mm" in motion.source
+    assert f"1 unit is taken as {unit:.4g} mm" in motion.notes[1]
 
 
 def test_upper_case_suffix_and_carriage_returns(tmp_path):
@@ -50,7 +50,7 @@ def test_recorded_walk(data_dir):
     motion = read_motion(data_dir / "pybvh" / "cmu_12_01_walk.bvh")
     assert motion.positions.shape == (524, 38, 3) and motion.rate == 120.0
     # The unit of the CMU skeletons: the recording is small, but its arm is as long as in an ASF skeleton of the database.
-    assert "56.44 mm" in motion.source
+    assert "56.44 mm" in motion.notes[1]
     height = np.ptp(motion.positions[..., 2], axis=1)
     assert 1300 < height.mean() < 1450
     assert abs(motion.positions[..., 2].min()) < 30
@@ -63,7 +63,7 @@ def test_recorded_walk(data_dir):
 
 def test_makehuman_is_z_up_in_decimetres(data_dir):
     motion = read_motion(data_dir / "makehuman" / "walk1.bvh")
-    assert "taken as 100 mm" in motion.source and motion.rate == 24.0
+    assert "taken as 100 mm" in motion.notes[1] and motion.rate == 24.0
     assert 1400 < np.ptp(motion.positions[0, :, 2]) < 1800
 
 
@@ -141,7 +141,7 @@ def with_positions(text, moved=""):
 def test_positions_on_every_joint(tmp_path, data_dir):
     text = (data_dir / "pybvh" / "cmu_12_01_walk.bvh").read_text()
     plain, full = read(tmp_path, text), read(tmp_path, with_positions(text))
-    assert full.names == plain.names and "56.44 mm" in full.source
+    assert full.names == plain.names and "56.44 mm" in full.notes[1]
     np.testing.assert_allclose(full.positions, plain.positions, atol=1e-3)
 
 

@@ -38,6 +38,19 @@ def test_units_and_axes(tmp_path):
     np.testing.assert_array_equal(explicit.positions, POINTS)
 
 
+def test_the_head_is_above_the_feet_where_no_screen_says_which_axis_is_up(tmp_path):
+    points = np.zeros((3, 4, 3), np.float32) + np.array([[0, 1700, 0], [0, 50, 0], [90, 60, 0], [400, 900, 0]])
+    labels = ["S:LFHD", "S:LTOE", "S:RANK", "S:LFIN"]
+    motion = read(tmp_path, c3d_bytes(points, labels, vertical=""))
+    np.testing.assert_allclose(motion.positions[0, 0], [0, 0, 1700])
+    assert motion.notes == ("Y is up: the head is above the feet along it. --up sets another axis",)
+    stated = read(tmp_path, c3d_bytes(points, labels, vertical="+Z"))
+    np.testing.assert_allclose(stated.positions, points)
+    assert "assumed" in stated.notes[0] and "above the feet along Y" in stated.notes[0]
+    with pytest.raises(InputError, match="POINT:Y_SCREEN.*'up'.*--up"):
+        read(tmp_path, c3d_bytes(points, labels, vertical="up"))
+
+
 def test_plug_in_gait(data_dir):
     motion = read_c3d(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d")
     assert motion.positions.shape == (315, 35, 3) and motion.rate == 100.0
