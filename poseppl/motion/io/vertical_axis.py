@@ -1,8 +1,8 @@
 """Which axis of a recording or a calibration points up.
 
-The user's choice comes first, then what the file states. Without these the head of a person is above the feet: the mean direction
-from the lower to the upper points, over all frames, chooses the axis if it lies near one. After it come a skeleton's pose at rest,
-the longest extent of an upright body, and what is usual in the format.
+The user's choice comes first, then what the file states. Without these the head of a person is above the feet: the mean
+direction from the lower to the upper points, over all frames, chooses the axis if it lies near one. After it come a skeleton's
+pose at rest, the longest extent of an upright body, and what is usual in the format.
 """
 
 from __future__ import annotations
