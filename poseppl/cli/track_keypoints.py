@@ -23,6 +23,7 @@ _ONLY = (
     "camera_rate",
     "keep_clocks",
     "unit",
+    "image_size",
     "detector_errors",
     "live",
 )
@@ -59,6 +60,14 @@ source_options = option_group(
         metavar="UNIT",
         help="--keypoints: the unit of length of --calibration: mm, cm, m, or how many mm it has. [default: what the file "
         "says; else found from the person's size, and told]",
+    ),
+    click.option(
+        "--image-size",
+        metavar="CAMERA=WxH",
+        multiple=True,
+        default=None,
+        help="--keypoints: width and height, px, of the pictures that the detector saw, where they are not of the calibrated "
+        "size: cam2=960x540.",
     ),
     click.option(
         "--offset",
@@ -220,12 +229,11 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
         more: Of :func:`~poseppl.motion.tracking.keypoints.scene_of_keypoints`.
     """
     from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import read_calibration
     from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
-        read_calibration(options["calibration"], options["unit"], options.get("up")),
+        calibration_of(options),
         clocks=_clocks(options, given_rate(options)),
         rate=given_rate(options),
         mend=not options["keep_detections"],
@@ -236,6 +244,30 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     for note in found.notes():
         progress.note(note)
     return found
+
+
+def calibration_of(options: dict[str, Any]) -> Any:
+    """The calibration, with the unit, the axis that is up and the sizes of pictures that the options give.
+
+    Raises:
+        InputError: The file or an option cannot be used.
+    """
+    from poseppl.motion.io import read_calibration
+    from poseppl.motion.io.camera_fields import with_size
+
+    found = read_calibration(options["calibration"], options["unit"], options.get("up"))
+    sizes = {}
+    for camera, text in _by_camera(options["image_size"] or (), "--image-size", "CAMERA=WxH, such as cam2=960x540").items():
+        if camera not in (known := [record.name for record in found.cameras]):
+            raise InputError(f"no camera {camera!r} in the calibration", field="--image-size", expected=", ".join(known))
+        width, _, height = text.lower().partition("x")
+        if not all(
+            side.isascii() and side.isdigit() and len(side) < 7 and 1 <= int(side) <= 100_000 for side in (width, height)
+        ):
+            raise InputError(f"{camera}={text[:40]}", field="--image-size", expected="CAMERA=WxH in px, such as cam2=960x540")
+        sizes[camera] = (int(width), int(height))
+    cameras = (with_size(record, sizes.get(record.name, record.size)) for record in found.cameras)
+    return found._replace(cameras=tuple(cameras))
 
 
 def about_person(options: dict[str, Any]) -> dict[str, Any]:

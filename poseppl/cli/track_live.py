@@ -126,14 +126,13 @@ class _Follower:
     """The frames on their way from the folders to the table."""
 
     def __init__(self, options: dict[str, Any], settings: Any, rate: float | None, table: LiveTable, progress: Any) -> None:
-        from poseppl.cli.track_keypoints import words_of_keypoints
-        from poseppl.motion.io import read_calibration
+        from poseppl.cli.track_keypoints import calibration_of, words_of_keypoints
         from poseppl.motion.io.growing_folders import GrowingFolders
         from poseppl.motion.tracking.keypoint_sources import check_cameras
 
         self._options, self._settings, self._rate, self._table, self._progress = options, settings, rate, table, progress
         self._folders = words_of_keypoints(options["keypoints"])
-        self._calibration = read_calibration(options["calibration"], options["unit"], options["up"])
+        self._calibration = calibration_of(options)
         check_cameras(self._folders, [record.name for record in self._calibration.cameras])
         self._wait, self._idle = (
             default if options[name] is None else options[name] for name, default in (("wait", WAIT), ("idle", IDLE))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from poseppl.cli.options import refuse
-from poseppl.cli.track_keypoints import words_of_keypoints
+from poseppl.cli.track_keypoints import calibration_of, words_of_keypoints
 
 _BODYS = (
     "layout",
@@ -48,7 +48,6 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     from poseppl.cli.files import tell_replaced
     from poseppl.cli.outputs import write_outputs
     from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import read_calibration
     from poseppl.motion.io.skeleton_files import read_skeleton
     from poseppl.motion.tracking.point_files import read_point_recording, result_of_points
     from poseppl.motion.tracking.point_smoothing import smooth_points
@@ -57,7 +56,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     refuse(_NOT_WITH, "does not go with --keypoints of named points")
     progress.stage("reading")
     skeleton = None if options["skeleton"] is None else read_skeleton(options["skeleton"])
-    calibration = read_calibration(options["calibration"], options["unit"], options["up"])
+    calibration = calibration_of(options)
     recording = read_point_recording(
         words_of_keypoints(options["keypoints"]),
         calibration.cameras,

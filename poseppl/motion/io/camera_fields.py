@@ -84,6 +84,13 @@ def scaled(camera: CameraRecord, mm: float) -> CameraRecord:
     return camera._replace(translation=np.asarray(camera.translation * mm))
 
 
+def with_size(camera: CameraRecord, size: tuple[int, int]) -> CameraRecord:
+    """The camera of pictures that were resized to another width and height, px."""
+    share = np.array(size) / camera.size
+    grow = np.array([[share[0], 0.0, (share[0] - 1) / 2], [0.0, share[1], (share[1] - 1) / 2], [0.0, 0.0, 1.0]])
+    return camera._replace(matrix=np.asarray(grow @ camera.matrix), size=size)
+
+
 def with_z_up(camera: CameraRecord, up: str) -> CameraRecord:
     """A camera in a world turned so that Z is up, of one with another axis up (:func:`~poseppl.motion.io.motion.z_up`)."""
     return camera._replace(rotation=z_up(camera.rotation, up))

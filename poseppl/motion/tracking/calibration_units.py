@@ -61,7 +61,7 @@ def infer_unit(
         InputError: Too little is seen to tell, or no unit makes a person of it.
     """
     cameras = cameras_of_records(records)
-    ratios = _segment_ratios(cameras, people, markers)
+    ratios = np.array([ratio for pair in meeting_rays(cameras, people) for ratio in segment_ratios(pair.places, markers)])
     if len(ratios) < _LEAST_SEGMENTS:
         raise InputError(
             "the calibration does not tell its unit of length, and too little of a person is seen by two cameras to tell it",
@@ -80,38 +80,54 @@ def infer_unit(
     return [scaled(record, MM_PER_UNIT[name] / MM_PER_UNIT["m"]) for record in records], Unit(name, stature)
 
 
-def _segment_ratios(cameras: Cameras, people: Sequence[DetectedPeople], markers: Mapping[str, int]) -> Floats:
-    """Lengths of segments over those of a body of 1.75 m, as pairs of cameras see them."""
+class MeetingRays(NamedTuple):
+    """Two detections, in two cameras and one frame, whose rays pass nearest to each other.
+
+    Attributes:
+        cameras: Numbers of the two.
+        apart: Median distance at which they pass, over the size of what they see.
+        places: (K, 3) where they do, in the unit of the cameras' places; NaN where a point is not seen by both.
+    """
+
+    cameras: tuple[int, int]
+    apart: float
+    places: Floats
+
+
+def meeting_rays(cameras: Cameras, people: Sequence[DetectedPeople]) -> list[MeetingRays]:
+    """The nearest two detections of each pair of cameras, in at most 60 frames.
+
+    Args:
+        cameras: C cameras.
+        people: What each saw, in common frames.
+    """
     centres = np.asarray(cameras.centre, np.float64)
     rows = np.unique(np.linspace(0, len(people[0].points) - 1, min(_MOST_FRAMES, len(people[0].points))).astype(int))
     rays = []
     for c, found in enumerate(people):
         sure = (found.confidence[rows] >= _CONFIDENT)[..., None]
         rays.append(viewing_rays(cameras, c, np.where(sure, found.points[rows], np.nan)))
-    ratios: list[float] = []
+    nearest = []
     for a, b in combinations(range(len(people)), 2):
         for row in range(len(rows)):
-            best = None
-            for first in rays[a][row]:
-                for second in rays[b][row]:
-                    pair = _pair(centres[[a, b]], np.stack([first, second]))
-                    if pair is not None and (best is None or pair[0] < best[0]):
-                        best = pair
-            if best is not None:
-                ratios += segment_ratios(best[1], markers)
-    return np.array(ratios)
+            pairs = [_pair(centres, (a, b), np.stack([one, other])) for one in rays[a][row] for other in rays[b][row]]
+            known = [pair for pair in pairs if pair is not None]
+            if known:
+                nearest.append(min(known, key=lambda pair: pair.apart))
+    return nearest
 
 
-def _pair(centres: Floats, rays: Floats) -> tuple[float, Floats] | None:
-    """How far rays (2, K, 3) pass from each other, as a share of the size of what they see, and their places (K, 3)."""
+def _pair(centres: Floats, cameras: tuple[int, int], rays: Floats) -> MeetingRays | None:
+    """Where rays (2, K, 3) of two cameras pass each other; None where fewer than four points are seen by both cameras."""
     seen = np.isfinite(rays).all((0, 2))
     if seen.sum() < 4:
         return None
     places = np.full((rays.shape[1], 3), np.nan)
-    places[seen] = nearest_points(centres, rays[:, seen], np.ones((2, int(seen.sum()))))
-    apart = ray_distances(centres[0], rays[0, seen], centres[1], rays[1, seen])
+    first, second = cameras
+    places[seen] = nearest_points(centres[[first, second]], rays[:, seen], np.ones((2, int(seen.sum()))))
+    apart = ray_distances(centres[first], rays[0, seen], centres[second], rays[1, seen])
     size = float(np.median(np.linalg.norm(places[seen] - np.median(places[seen], 0), axis=-1)))
-    return float(np.median(apart)) / max(size, 1e-12), places
+    return MeetingRays(cameras, float(np.median(apart)) / max(size, 1e-12), places)
 
 
 def segment_ratios(places: Floats, markers: Mapping[str, int]) -> list[float]:

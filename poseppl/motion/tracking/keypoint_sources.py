@@ -16,6 +16,7 @@ from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.tracking.clock_offsets import Offsets, coarse_offsets, fine_offsets
 from poseppl.motion.tracking.clocks import Aligned, Clock, align
 from poseppl.motion.tracking.people import LARGEST_DISTANCE, choose_person
+from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
 
 FAR_OUTSIDE = 1.0
 """A point farther outside of the picture than this share of its width or height is none."""
@@ -78,6 +79,7 @@ def read_sources(
         found, note = without_strays(found, size, name)
         people.append(found)
         notes += note
+        check_confidences(name, found)
         seen = np.isfinite(found.points).any((1, 2, 3)).mean()
         sure = found.confidence[np.isfinite(found.points).all(-1)]
         if sure.size and np.median(sure) > 1:
@@ -100,6 +102,22 @@ def check_cameras(names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+
+
+def check_confidences(name: str, found: DetectedPeople) -> None:
+    """Check that some points of a camera have confidence.
+
+    Raises:
+        InputError: They have none, so that none would count.
+    """
+    confidence = found.confidence[np.isfinite(found.points).all(-1)]
+    if confidence.size and confidence.max() < LEAST_CONFIDENCE:
+        raise InputError(
+            f"{name}: the confidence of all {confidence.size} points is below {LEAST_CONFIDENCE:g}, the largest is "
+            f"{confidence.max():.3g}, so that none counts",
+            field="--keypoints",
+            expected="confidences from 0 to 1; write 1 for each point if the detector gives none",
+        )
 
 
 def check_different(found: Mapping[str, DetectedPeople]) -> None:

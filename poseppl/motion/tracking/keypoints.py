@@ -41,6 +41,7 @@ from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
 from poseppl.motion.tracking.single_camera import noise_in_one_camera
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.suspected_inputs import check_inputs
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 
 TOLD_ANGLE, TOLD_POSITION = 0.5, 20.0
@@ -209,6 +210,7 @@ def scene_of_keypoints(
     known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
+    check_inputs([known[name] for name in folders], people, clocks)
     records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
     cameras = cameras_of_records(records)
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
