@@ -87,7 +87,7 @@ def _tables(folder: Path) -> list[Path]:
     """The tables of a folder, by name."""
     if not folder.is_dir():
         raise InputError("no such folder", file=folder, expected="a folder of tables")
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in _KINDS and path.is_file())
+    found = sorted(path for path in folder.glob("[!.]*") if path.suffix.lower() in _KINDS and path.is_file())
     stems = [path.stem for path in found]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if not found or twice:

@@ -40,8 +40,8 @@ source_options = option_group(
     click.option(
         "--detector",
         metavar="NAME",
-        help="--keypoints: what wrote them: openpose, alphapose, mmpose, mediapipe, deeplabcut, sleap or caliscope. [default: "
-        "found from their content]",
+        help="--keypoints: what wrote them: openpose, alphapose, mmpose, mediapipe, deeplabcut, sleap, caliscope, ultralytics, "
+        "vitpose or freemocap. [default: found from their content]",
     ),
     click.option(
         "--layout",
@@ -264,7 +264,7 @@ def calibration_of(options: dict[str, Any]) -> Any:
         if not all(
             side.isascii() and side.isdigit() and len(side) < 7 and 1 <= int(side) <= 100_000 for side in (width, height)
         ):
-            raise InputError(f"{camera}={text[:40]}", field="--image-size", expected="CAMERA=WxH in px, such as cam2=960x540")
+            raise InputError(f"{camera}={brief(text)}", field="--image-size", expected="CAMERA=WxH in px, such as cam2=960x540")
         sizes[camera] = (int(width), int(height))
     cameras = (with_size(record, sizes.get(record.name, record.size)) for record in found.cameras)
     return found._replace(cameras=tuple(cameras))

@@ -5,6 +5,7 @@ Bounded besides is what a small text makes a parser do: lines, values of JSON, e
 
 from __future__ import annotations
 
+import codecs
 import json
 import re
 import tomllib
@@ -69,7 +70,7 @@ def read_bytes(path: FilePath, *, max_bytes: int, first: int = -1) -> bytes:
 
 
 def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Read a text file, UTF-8 or else Latin-1, as a whole.
+    """Read a text file as a whole: UTF-16 if a byte-order mark says so, else UTF-8 or else Latin-1.
 
     Args:
         path: The file.
@@ -81,18 +82,22 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     Raises:
         InputError: The file cannot be read, is empty, too large, has too many lines, or holds binary data.
     """
-    data = read_bytes(path, max_bytes=max_bytes)
-    if b"\0" in data:
+    text = _decoded(read_bytes(path, max_bytes=max_bytes))
+    if "\0" in text:
         raise Location(path).error("the file holds binary data", "a text file")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
     # a carriage return too many, as writers of text files on Windows add it, makes no blank line
     text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     if text.count("\n") > MAX_LINES:
         raise Location(path).error(f"more than {MAX_LINES} lines", "fewer; most of them may be blank")
     return text
+
+
+def _decoded(data: bytes) -> str:
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def read_json(path: FilePath) -> Any:

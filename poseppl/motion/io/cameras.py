@@ -12,8 +12,9 @@ Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation
     rotation = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     translation = [0.0, 1000.0, 5000.0]
 
-Read besides: Qualisys' XML (:mod:`~poseppl.motion.io.cameras_qualisys`), OpenCV's YAML and EasyMocap's pair of files
-(:mod:`~poseppl.motion.io.cameras_yaml`), OpenCap's pickles (:mod:`~poseppl.motion.io.cameras_opencap`), and as TOML the
+Read besides: XML of Qualisys, Vicon (.xcp) and OptiTrack (.mcal) (:mod:`~poseppl.motion.io.cameras_qualisys`,
+:mod:`~poseppl.motion.io.cameras_vicon`, :mod:`~poseppl.motion.io.cameras_optitrack`), OpenCV's YAML and EasyMocap's pair of
+files (:mod:`~poseppl.motion.io.cameras_yaml`), OpenCap's pickles (:mod:`~poseppl.motion.io.cameras_opencap`), and as TOML the
 tables that anipose and Pose2Sim write, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a rotation vector,
 and those of Caliscope, ``[cameras.0]``, whose ``rotation`` may be a matrix, both in metres unless ``units`` says
 otherwise. Distortion coefficients are those of OpenCV, see :class:`~poseppl.motion.io.camera_fields.CameraRecord`.
@@ -29,7 +30,7 @@ import numpy as np
 
 from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.atomic_writing import write_atomically
-from poseppl.files.bounded_reading import read_bytes
+from poseppl.files.bounded_reading import read_bytes, read_xml
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS as MAX_CAMERAS,
     Calibration as Calibration,
@@ -38,8 +39,10 @@ from poseppl.motion.io.camera_fields import (
     with_z_up,
 )
 from poseppl.motion.io.cameras_opencap import SUFFIXES as PICKLES, read_opencap_camera
-from poseppl.motion.io.cameras_qualisys import read_qualisys
+from poseppl.motion.io.cameras_optitrack import optitrack_cameras
+from poseppl.motion.io.cameras_qualisys import qualisys_cameras
 from poseppl.motion.io.cameras_toml import read_toml_cameras
+from poseppl.motion.io.cameras_vicon import vicon_cameras
 from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, read_opencv_camera
 from poseppl.motion.io.length_units import MM_PER_UNIT
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
@@ -47,8 +50,8 @@ from poseppl.motion.io.vertical_axis import check_axis
 
 _ASSUMED = "m"
 _EXPECTED = (
-    "TOML of poseppl, anipose, Pose2Sim or Caliscope, Qualisys' XML, a folder of OpenCV's YAML, of EasyMocap's intri.yml and "
-    "extri.yml, or of OpenCap's pickles"
+    "TOML of poseppl, anipose, Pose2Sim or Caliscope, XML of Qualisys, Vicon or OptiTrack, a folder of OpenCV's YAML, of "
+    "EasyMocap's intri.yml and extri.yml, or of OpenCap's pickles"
 )
 
 
@@ -118,8 +121,18 @@ def _calibration(path: FilePath) -> Calibration:
         pair = {source.parent / f"{stem}{suffix}" for stem in ("intri", "extri")}
         return _folder(source.parent) if source in pair else _without_unit([read_opencv_camera(path)])
     if _starts_as_xml(path):
-        return Calibration(read_qualisys(path), "mm")
+        return _xml(path)
     return read_toml_cameras(path)
+
+
+def _xml(path: FilePath) -> Calibration:
+    """Cameras of Vicon, OptiTrack or Qualisys, by the elements that a file has."""
+    root, at = read_xml(path, "a calibration as Qualisys, Vicon or OptiTrack write it"), Location(path)
+    if root.find(".//KeyFrame") is not None or root.find("Camera") is not None:
+        return Calibration(vicon_cameras(root, at), "mm")
+    if root.find(".//Extrinsic") is not None:
+        return Calibration(tuple(scaled(camera, MM_PER_UNIT["m"]) for camera in optitrack_cameras(root, at)), "m")
+    return Calibration(qualisys_cameras(root, at), "mm")
 
 
 def _folder(folder: Path) -> Calibration:
@@ -129,7 +142,8 @@ def _folder(folder: Path) -> Calibration:
         if all(file.exists() for file in pair):
             return _without_unit(read_easymocap(*pair))
     known = (*YAMLS, *PICKLES)
-    files = sorted(file for file in [*folder.glob("*"), *folder.glob("*/*.p*k*l*")] if file.suffix.lower() in known)
+    listed = [*folder.glob("[!.]*"), *folder.glob("[!.]*/[!.]*.p*k*l*")]
+    files = sorted(file for file in listed if file.suffix.lower() in known)
     kinds = {file.suffix.lower() in PICKLES for file in files}
     if len(kinds) != 1 or len(files) > MAX_CAMERAS:
         raise at.error("no calibration in the folder, or two kinds", _EXPECTED)
@@ -144,7 +158,8 @@ def _without_unit(cameras: Sequence[CameraRecord]) -> Calibration:
 
 
 def _starts_as_xml(path: FilePath) -> bool:
-    return read_bytes(path, max_bytes=2**26, first=64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+    start = read_bytes(path, max_bytes=2**26, first=64).replace(b"\0", b"")  # UTF-16, too
+    return start.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n").startswith(b"<")
 
 
 def write_cameras(path: FilePath, cameras: Sequence[CameraRecord]) -> None:

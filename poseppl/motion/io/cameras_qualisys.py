@@ -10,27 +10,25 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
-from poseppl.files.bounded_reading import read_xml
-from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation_matrix
-from poseppl.motion.io.text_parsing import check_distinct, parse_number
+from poseppl.errors import Location
+from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, rotation_matrix
+from poseppl.motion.io.camera_xml import NumberAttributes
+from poseppl.motion.io.text_parsing import check_distinct
 
 _SUBPIXELS = 64.0
 _AXES = np.diag([1.0, -1.0, -1.0])
 
 
-def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
-    """Read the cameras of a calibration of Qualisys.
+def qualisys_cameras(root: ElementTree.Element, at: Location) -> tuple[CameraRecord, ...]:
+    """The cameras of a calibration of Qualisys.
 
     Args:
-        path: The file.
+        root: The XML.
+        at: The file, for messages.
 
     Raises:
-        InputError: The file is no XML, defines entities, holds no camera, or a field is missing or malformed.
+        InputError: It holds no camera, or a field is missing or malformed.
     """
-    at = Location(path)
-    root = read_xml(path, "a calibration as Qualisys writes it")
     elements = [element for element in root.iter("camera") if element.find("intrinsic") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
         raise at.error("the file holds no camera", "elements <camera> with <transform> and <intrinsic>")
@@ -42,14 +40,14 @@ def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
 def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRecord:
     name = element.get("serial") or str(index)
     where = at.in_field(f"camera {name}")
-    inner = _Attributes(element, "intrinsic", where)
-    left, top, right, bottom = _Attributes(element, "fov_video", where)("left", "top", "right", "bottom")
+    inner = _attributes(element, "intrinsic", where)
+    left, top, right, bottom = _attributes(element, "fov_video", where)("left", "top", "right", "bottom")
     fx, fy, cx, cy, skew = inner("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew") / _SUBPIXELS
     k1, k2, k3, p1, p2 = (
         inner("radialDistortion1", "radialDistortion2", "radialDistortion3", "tangentalDistortion1", "tangentalDistortion2")
         / _SUBPIXELS
     )
-    place = _Attributes(element, "transform", where)
+    place = _attributes(element, "transform", where)
     turn = place(*(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(3, 3)
     checked = _AXES @ rotation_matrix(where.in_field(f"{where.field}.transform"), turn.tolist())
     matrix = [[fx, skew, cx - left], [0.0, fy, cy - top], [0.0, 0.0, 1.0]]
@@ -66,22 +64,5 @@ def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRec
     )
 
 
-class _Attributes:
-    """Numbers of the attributes of a camera's element."""
-
-    def __init__(self, camera: ElementTree.Element, tag: str, at: Location) -> None:
-        self.at = at.in_field(f"{at.field}.{tag}")
-        element = camera.find(tag)
-        if element is None:
-            raise self.at.error("it is missing")
-        self.element = element
-
-    def __call__(self, *names: str) -> Floats:
-        found = []
-        for name in names:
-            where = self.at.in_field(f"{self.at.field}.{name}")
-            text = self.element.get(name)
-            if text is None:
-                raise where.error("it is missing")
-            found.append(parse_number(text.strip(), where))
-        return numbers(self.at, found, 1)
+def _attributes(camera: ElementTree.Element, tag: str, at: Location) -> NumberAttributes:
+    return NumberAttributes(camera.find(tag), at.in_field(f"{at.field}.{tag}"))

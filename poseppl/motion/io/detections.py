@@ -36,6 +36,7 @@ class DetectedPeople(NamedTuple):
         names: K names of the points.
         individuals: P names, where the detector says who is who in all frames; () where P is an order within a frame alone.
         times: (T,) seconds, NaN where unknown; None where the file has none.
+        notes: What the reader left out, a sentence each.
     """
 
     points: Floats
@@ -45,6 +46,7 @@ class DetectedPeople(NamedTuple):
     names: tuple[str, ...]
     individuals: tuple[str, ...] = ()
     times: Floats | None = None
+    notes: tuple[str, ...] = ()
 
 
 def detected_people(

@@ -28,7 +28,7 @@ def images_in(source: FilePath, camera: str) -> list[Path]:
     """
     at = place(camera, file=source)
     if Path(source).is_dir():
-        paths = [path for path in Path(source).iterdir() if path.suffix.lower() in SUFFIXES]
+        paths = [path for path in Path(source).glob("[!.]*") if path.suffix.lower() in SUFFIXES]
         kinds = sorted({path.suffix.lower() for path in paths})
         if len(kinds) > 1:
             expected = f"one kind; name it with a pattern, {Path(source) / ('*' + kinds[0])}"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_json as read_json
 from poseppl.motion.io.detections import MAX_POINTS, DetectedPeople, detected_people
+from poseppl.motion.io.text_parsing import some
 
 
 def numbers(value: object, width: int, at: Location) -> Floats:
@@ -66,28 +69,58 @@ def frame_number(value: object, at: Location) -> int:
     raise at.error(f"{brief(value)} tells no frame", "a whole number, or a file's name with one, such as img_0012.jpg")
 
 
-def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
-    """The JSON files of a folder by the last number in their names.
+class NumberedFiles(NamedTuple):
+    """Files of a folder, one a frame.
+
+    Attributes:
+        files: Files by the number of their frame.
+        empty: Numbers of the frames whose files hold nothing, in order.
+    """
+
+    files: dict[int, Path]
+    empty: list[int]
+
+
+def numbered_files(folder: FilePath, expected: str, suffix: str = ".json") -> NumberedFiles:
+    """The files of a folder by the last number in their names; hidden files are left out.
+
+    Args:
+        folder: The folder.
+        expected: What is expected there, for messages.
+        suffix: Of the files.
 
     Raises:
-        InputError: There is no such folder, none in it, one without a number, or two of the same.
+        InputError: There is no such folder, none in it that holds anything, one without a number, or two of the same.
     """
     at = Location(folder)
     if not Path(folder).is_dir():
         raise at.error("no such folder", expected)
     found: dict[int, Path] = {}
-    for file in sorted(Path(folder).glob("*.json")):
+    empty = []
+    for file in sorted(Path(folder).glob(f"[!.]*{suffix}")):
         frame = frame_number(file.name, Location(file))
         if frame in found:
             raise Location(file).error(f"frame {frame} is also {found[frame].name}", "one file a frame")
         found[frame] = file
-    if not found:
-        raise at.error("no JSON file in the folder", expected)
-    return found
+        if file.stat().st_size == 0:
+            empty.append(frame)
+    files = {frame: file for frame, file in found.items() if frame not in set(empty)}
+    if not files:
+        problem = f"no {suffix} file in the folder" if not empty else f"all {len(empty)} {suffix} files are empty"
+        raise at.error(problem, expected)
+    return NumberedFiles(files, sorted(empty))
 
 
-def same_points(people: dict[int, list[Floats]], at: Location, times: dict[int, float] | None = None) -> DetectedPeople:
+def same_points(
+    people: dict[int, list[Floats]], at: Location, times: dict[int, float] | None = None, empty: Sequence[int] = ()
+) -> DetectedPeople:
     """Lay out people, of whom all have the same number of points, under the numbers of the points.
+
+    Args:
+        people: By frame number, the people, each (K, 3): x, y, confidence.
+        at: The file, for messages.
+        times: Seconds by frame number.
+        empty: Frames whose files hold nothing; they are noted.
 
     Raises:
         InputError: There is nobody, or they have not.
@@ -98,4 +131,8 @@ def same_points(people: dict[int, list[Floats]], at: Location, times: dict[int, 
     if len(counts) > 1:
         raise at.error(f"people with {counts} points", "one number of points in all frames")
     seen = {frame: [person for person in found if len(person)] for frame, found in people.items()}
-    return detected_people(seen, [str(point) for point in range(counts[0])], at, times=times)
+    found = detected_people(seen, [str(point) for point in range(counts[0])], at, times=times)
+    if not empty:
+        return found
+    told = f"{len(empty)} of {len(people)} files are empty, and nobody is seen in their frames: {some(map(str, empty))}"
+    return found._replace(notes=(told,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,15 @@ from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
 from poseppl.motion.io.deeplabcut_h5 import read_deeplabcut_h5
 from poseppl.motion.io.detections import DetectedPeople
+from poseppl.motion.io.freemocap import read_freemocap
 from poseppl.motion.io.json_people import numbered_files, read_json
 from poseppl.motion.io.layout_guess import check_layout
 from poseppl.motion.io.mediapipe import read_mediapipe
 from poseppl.motion.io.mmpose import read_mmpose
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.io.sleap import read_sleap
+from poseppl.motion.io.ultralytics import read_ultralytics
+from poseppl.motion.io.vitpose import is_vitpose, read_vitpose
 
 DETECTORS: Mapping[str, str] = {
     "openpose": "a folder of OpenPose's JSON files, one a frame",
@@ -32,6 +35,9 @@ DETECTORS: Mapping[str, str] = {
     "deeplabcut": "DeepLabCut's or Lightning Pose's table, CSV or H5",
     "sleap": "SLEAP's analysis file, H5",
     "caliscope": "Caliscope's table of all cameras, CSV",
+    "ultralytics": "a folder of Ultralytics' text files, one a frame",
+    "vitpose": "easy_ViTPose's JSON file",
+    "freemocap": "FreeMoCap's array of all cameras, npy",
 }
 
 
@@ -42,6 +48,7 @@ def read_keypoints(
     layout: str | None = None,
     size: tuple[int, int] | None = None,
     camera: str | None = None,
+    cameras: Sequence[str] = (),
 ) -> DetectedPeople:
     """Read one camera's keypoints.
 
@@ -50,7 +57,8 @@ def read_keypoints(
         detector: What wrote it, a key of :data:`DETECTORS`; found from its content if None.
         layout: Which points of people these are; found from them if None.
         size: Width and height of the pictures, for coordinates that are shares of them.
-        camera: Which camera of a table of all cameras is meant.
+        camera: Which camera of a table or an array of all cameras is meant.
+        cameras: All cameras of the calibration, in the order of the array.
 
     Raises:
         InputError: The file is missing, malformed, of an unknown kind, or does not hold the camera.
@@ -63,6 +71,12 @@ def read_keypoints(
             return read_alphapose(path, layout)
         case "mmpose":
             return read_mmpose(path, layout)
+        case "ultralytics":
+            return read_ultralytics(path, layout, size)
+        case "vitpose":
+            return read_vitpose(path, layout)
+        case "freemocap":
+            found = read_freemocap(path, camera, cameras)
         case "mediapipe":
             found = read_mediapipe(path, size)
         case "deeplabcut":
@@ -104,12 +118,16 @@ def detector_of(path: FilePath) -> str:
     at = Location(path)
     expected = "; ".join(DETECTORS.values())
     if Path(path).is_dir():
-        first = next(iter(numbered_files(path, expected).values()))
+        if not any(Path(path).glob("[!.]*.json")) and any(Path(path).glob("[!.]*.txt")):
+            return "ultralytics"
+        first = next(iter(numbered_files(path, expected).files.values()))
         return "openpose" if _is_openpose(read_json(first)) else "mmpose"
     if _is_hdf5(path):
         with open_hdf5(path, expected) as file:
             return "sleap" if "tracks" in file and "node_names" in file else "deeplabcut"
     suffix = Path(path).suffix.lower()
+    if suffix == ".npy":
+        return "freemocap"
     kind = _kind_of_csv(path) if suffix == ".csv" else _kind_of_json(read_json(path)) if suffix == ".json" else None
     if kind is None:
         raise at.error("no keypoints of a detector that is known", f"{expected}; --detector says which")
@@ -138,6 +156,8 @@ def _kind_of_json(document: Any) -> str | None:
     frames = document.get("frames") if isinstance(document, dict) else document
     if isinstance(document, dict) and "instance_info" in document:
         return "mmpose"
+    if is_vitpose(document):
+        return "vitpose"
     first = frames[0] if isinstance(frames, list) and frames else None
     if isinstance(first, dict):
         if "image_id" in first:

@@ -34,10 +34,13 @@ def read_mmpose(path: FilePath, layout: str | None = None) -> DetectedPeople:
     """
     at = Location(path)
     people: dict[int, list[Floats]] = {}
+    empty: list[int] = []
     if Path(path).is_dir():
-        documents = {frame: (read_json(file), Location(file)) for frame, file in numbered_files(path, _EXPECTED).items()}
+        files, empty = numbered_files(path, _EXPECTED)
+        documents = {frame: (read_json(file), Location(file)) for frame, file in files.items()}
         for frame, (document, where) in documents.items():
             people[frame] = people_of_document(document, where)
+        people |= {frame: [] for frame in empty}
         names = _names(next(iter(documents.values()))[0])
     else:
         document = read_json(path)
@@ -49,7 +52,7 @@ def read_mmpose(path: FilePath, layout: str | None = None) -> DetectedPeople:
             if frame in people:
                 raise where.error(f"frame {frame} comes twice", "each once")
             people[frame] = _people(inner, where)
-    return with_layout(same_points(people, at), layout, at, names)
+    return with_layout(same_points(people, at, empty=empty), layout, at, names)
 
 
 def people_of_document(document: Any, at: Location) -> list[Floats]:

@@ -27,10 +27,10 @@ def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople
     Raises:
         InputError: The folder holds no such file, a file is malformed, or the number of points belongs to no layout.
     """
-    files = numbered_files(folder, "a folder of OpenPose's JSON files, one a frame")
+    files, empty = numbered_files(folder, "a folder of OpenPose's JSON files, one a frame")
     people = {number: people_of_document(read_json(file), Location(file)) for number, file in files.items()}
     at = Location(folder)
-    return with_layout(same_points(people, at), layout, at)
+    return with_layout(same_points(people | {frame: [] for frame in empty}, at, empty=empty), layout, at)
 
 
 def people_of_document(document: Any, at: Location) -> list[Floats]:

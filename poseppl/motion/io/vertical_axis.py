@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import Location
+from poseppl.errors import Location, brief
 from poseppl.motion.io.name_matching import folded, without_prefixes
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -60,7 +60,7 @@ def check_axis(up: str | None) -> None:
         InputError: It is neither.
     """
     if up is not None and up not in AXES:
-        raise Location(field="--up").error(f"{up[:40]!r} is no axis", ", ".join(AXES))
+        raise Location(field="--up").error(f"{brief(up)} is no axis", ", ".join(AXES))
 
 
 def vertical_axis(

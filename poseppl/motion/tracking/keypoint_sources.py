@@ -75,10 +75,10 @@ def read_sources(
         if isinstance(source, DetectedPeople):
             found = source
         else:
-            found = read_keypoints(source, detector, layout=layout, size=size, camera=name)
+            found = read_keypoints(source, detector, layout=layout, size=size, camera=name, cameras=tuple(records))
         found, note = without_strays(found, size, name)
         people.append(found)
-        notes += note
+        notes += [f"{name}: {told}" for told in found.notes] + note
         check_confidences(name, found)
         seen = np.isfinite(found.points).any((1, 2, 3)).mean()
         sure = found.confidence[np.isfinite(found.points).all(-1)]

@@ -52,6 +52,8 @@ LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
 LEAST_ABSENCE = 5
 """Frames in a row in which no camera sees the person that are told of."""
+LEAST_MARKERS = 1 / 3
+"""Points with names of their own are of a person if at least this share of the body's markers is among them."""
 LEAST_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _ASSUMED = (
@@ -209,6 +211,8 @@ def scene_of_keypoints(
     given = calibration if isinstance(calibration, Calibration) else Calibration(tuple(calibration), "mm")
     known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
+    build = body_builder(model)
+    check_markers(people[0], build(None).tree.marker_names)
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
     check_inputs([known[name] for name in folders], people, clocks)
     records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
@@ -216,7 +220,6 @@ def scene_of_keypoints(
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
     chosen = choose_person(cameras, people, pace := clocks.rate / step, person)
-    build = body_builder(model)
     bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
     points, confidence = points_of(bodies, chosen)
     records, up_note = _with_z_up(given, records, points, confidence, bodies[0].names)
@@ -319,13 +322,28 @@ def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
     return markers_of_names(found.names)
 
 
+def check_markers(found: DetectedPeople, markers: Sequence[str]) -> None:
+    """Check that points that have names of their own are those of a person, of whom they are enough of the body's markers.
+
+    Raises:
+        InputError: They are of an animal, an object or another body.
+    """
+    known = set(markers) & set(_markers_of(found))
+    if len(known) < (1 if found.layout else LEAST_MARKERS * len(markers)):
+        named = found.layout or f"points called {some(found.names)}"
+        raise InputError(
+            f"{len(known)} of the body's {len(markers)} markers are among {named}",
+            field="--keypoints",
+            expected="points of a person. Animals, objects and other points need --skeleton FILE.toml (docs/points.md), "
+            "another body --model",
+        )
+
+
 def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeople:
     """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
+    check_markers(found, markers)
     table = _markers_of(found)
     known = [name for name in markers if name in table]
-    if not known:
-        named = found.layout or f"points called {some(found.names)}"
-        raise InputError(f"none of the body's markers is among {named}", field="--model", expected=some(markers))
     into, of = [markers.index(name) for name in known], [table[name] for name in known]
     points = np.full((*found.points.shape[:2], len(markers), 2), np.nan)
     confidence = np.zeros(points.shape[:3])

@@ -65,9 +65,9 @@ def read_point_recording(
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
     found, notes = {}, []
     for camera, path in files.items():
-        read = read_keypoints(path, detector, size=known[camera].size, camera=camera)
+        read = read_keypoints(path, detector, size=known[camera].size, camera=camera, cameras=tuple(known))
         found[camera], strays = without_strays(read, known[camera].size, camera)
-        notes += strays
+        notes += [f"{camera}: {told}" for told in read.notes] + strays
     check_different(found)
     names = next(iter(found.values())).names if skeleton is None else skeleton.points
     for camera, people in found.items():

@@ -217,3 +217,87 @@ def test_detectors_and_layouts_that_do_not_fit(tmp_path: Path, data_dir: Path) -
     with pytest.raises(InputError, match="no points of the camera 'left' .expected 0, 1, 2, 3"):
         read_keypoints(board, camera="left")
     assert detector_of(data_dir / "pose2sim_balancing" / "pose" / "cam01_json") == "openpose"
+
+
+SIZE = (1600, 900)
+
+
+@pytest.mark.parametrize(("width", "more"), [(3, ""), (3, " 0.91"), (3, " 0.91 7"), (2, ""), (2, " 0.91"), (2, " 0.91 7")])
+def test_ultralytics(tmp_path: Path, width: int, more: str) -> None:
+    """With or without the confidences of points, that of the box, and the number of the track."""
+    shares = TABLE / (*SIZE, 1)
+    for frame, people in enumerate(shares):
+        lines = [
+            "0 0.5 0.5 0.2 0.6 " + " ".join(f"{value:.6f}" for value in person[:, :width].ravel()) + more for person in people
+        ]
+        write(tmp_path / f"walk_{frame + 1}.txt", "\n".join(lines) + "\n")
+    write(tmp_path / "walk_4.txt", "")
+    found = read_keypoints(tmp_path, size=SIZE)
+    assert detector_of(tmp_path) == "ultralytics" and found.layout == "coco17" and found.frames.tolist() == [1, 2, 3, 4]
+    np.testing.assert_allclose(found.points[:3], TABLE[..., :2], atol=1e-3)
+    np.testing.assert_allclose(found.confidence[:3], TABLE[..., 2] if width == 3 else 1.0, atol=1e-6)
+    assert np.isnan(found.points[3]).all() and found.notes == ("1 of 4 files are empty, and nobody is seen in their frames: 4",)
+    with pytest.raises(InputError, match="shares of a picture whose size is not known"):
+        read_keypoints(tmp_path)
+    write(tmp_path / "walk_5.txt", "0 0.5 0.5 0.2 0.6\n")
+    with pytest.raises(InputError, match="walk_5.txt, line 1: 5 numbers .*Ultralytics"):
+        read_keypoints(tmp_path, size=SIZE)
+
+
+def test_vitpose(tmp_path: Path) -> None:
+    """Rows before columns; a frame may hold nobody, tracks come and go."""
+    frames: list[dict[str, Any]] = [
+        {str(3 * p): person[:, [1, 0, 2]].tolist() for p, person in enumerate(people)} for people in TABLE
+    ]
+    document = {
+        "keypoints": [frames[0], {}, *frames[1:]],
+        "skeleton": {str(k): name for k, name in enumerate(LAYOUTS["coco17"])},
+    }
+    path = write(tmp_path / "walk.json", document)
+    found = read_keypoints(path)
+    assert detector_of(path) == "vitpose" and found.layout == "coco17" and len(found.frames) == 4
+    np.testing.assert_array_equal(found.points[[0, 2, 3]], TABLE[..., :2])
+    assert np.isnan(found.points[1]).all()
+    assert read_keypoints(write(path, {**document, "keypoints": frames})).points.shape == (3, 2, 17, 2)
+    with pytest.raises(InputError, match=r"keypoints\[0\]: no people by the number of their track"):
+        read_keypoints(write(path, {**document, "keypoints": [[1, 2]]}))
+
+
+def test_freemocap(tmp_path: Path) -> None:
+    values = np.random.default_rng(2).uniform(1, 900, (2, 4, 553, 2))
+    values[1, 2] = np.nan
+    values[1, 3] = 0.0
+    path = tmp_path / "mediapipe2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy"
+    np.save(path, values)
+    found = read_keypoints(path, camera="b", cameras=("a", "b"))
+    assert detector_of(path) == "freemocap" and found.layout == "mediapipe33"
+    np.testing.assert_array_equal(found.points[:2, 0], values[1, :2, :33])
+    assert np.isnan(found.points[2:]).all() and found.confidence[:2].min() == 1.0
+    with pytest.raises(InputError, match="the array has 2 cameras, the calibration 3: a, b, c"):
+        read_keypoints(path, camera="b", cameras=("a", "b", "c"))
+    np.save(path, values[0])
+    with pytest.raises(InputError, match=r"an array of shape \(4, 553, 2\)"):
+        read_keypoints(path, camera="b", cameras=("a", "b"))
+    np.save(path, np.array([{"a": 1}]))
+    with pytest.raises(InputError, match="an array of object"):
+        read_keypoints(path, camera="b", cameras=("a", "b"))
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(InputError, match="no NumPy array"):
+        read_keypoints(path, camera="b", cameras=("a", "b"))
+
+
+@pytest.mark.parametrize("suffix", [".json", ".txt"])
+def test_hidden_files_are_none_and_empty_ones_are_noted(tmp_path: Path, suffix: str) -> None:
+    person = {"people": [{"pose_keypoints_2d": TABLE[0, 0].ravel().tolist()}]}
+    line = "0 0.5 0.5 0.2 0.6 " + " ".join(f"{value:.6f}" for value in (TABLE[0, 0] / (*SIZE, 1)).ravel())
+    for frame in (1, 3):
+        write(tmp_path / f"cam_{frame}_keypoints{suffix}", person if suffix == ".json" else line)
+        write(tmp_path / f"._cam_{frame}_keypoints{suffix}", "\x00\x05\x16\x07 a resource fork")
+    write(tmp_path / f"cam_2_keypoints{suffix}", "")
+    found = read_keypoints(tmp_path, size=SIZE)
+    assert found.frames.tolist() == [1, 2, 3] and np.isnan(found.points[1]).all() and np.isfinite(found.points[[0, 2]]).all()
+    assert found.notes == ("1 of 3 files are empty, and nobody is seen in their frames: 2",)
+    for frame in (1, 3):
+        write(tmp_path / f"cam_{frame}_keypoints{suffix}", "")
+    with pytest.raises(InputError, match=f"all 3 {suffix} files are empty"):
+        read_keypoints(tmp_path, size=SIZE)

@@ -87,7 +87,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, document: str, words: str) -> Non
 def test_files_and_layouts_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         read_openpose(tmp_path / "absent")
-    with pytest.raises(InputError, match="no JSON file"):
+    with pytest.raises(InputError, match="no .json file"):
         read_openpose(tmp_path)
     write(tmp_path, [person(17)], [person(17), person(18)])
     with pytest.raises(InputError, match=r"people with \[17, 18\] points"):
