@@ -21,7 +21,15 @@ PARTS = (
     Part(
         "Guides",
         (
-            *("docs/your_model", "docs/choosing", "docs/keypoints", "docs/formats", "docs/likelihoods", "docs/verdicts", "docs/checked"),
+            *(
+                "docs/your_model",
+                "docs/choosing",
+                "docs/keypoints",
+                "docs/formats",
+                "docs/likelihoods",
+                "docs/verdicts",
+                "docs/checked",
+            ),
             "docs/security",
         ),
         "docs/*.md",

@@ -15,9 +15,9 @@ from waiting import PATIENCE
 
 from poseppl.cli import main
 from poseppl.cli.subject import stem_of
-from poseppl.cli.track_keypoints import exported_targets
+from poseppl.cli.track_keypoints import calibration_of, exported_targets
 from poseppl.cli.track_smooth import smoothed_target
-from poseppl.motion.io import open_video
+from poseppl.motion.io import CameraRecord, open_video, write_cameras
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
@@ -118,6 +118,10 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
         (["--offset", "cam_04=soon"], "'soon' is not a number"),
         (["--camera-rate", "cam_04=0"], "0.001 to 100000 frames a second"),
         (["--unit", "feet"], "mm, cm, dm, m, in, or a number of mm"),
+        (["--image-size", "cam_09=960x540"], "no camera 'cam_09' in the calibration"),
+        (["--image-size", "cam_04=half"], "such as cam2=960x540"),
+        (["--image-size", "cam_04=0x540"], "such as cam2=960x540"),
+        (["--image-size", "cam_01=544x960", "--image-size", "cam_04=544x960"], "--image-size cam_01=1088x1920"),
     ],
 )
 def test_what_does_not_fit_is_told(
@@ -134,3 +138,13 @@ def test_options_of_keypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--person goes with --keypoints" in capsys.readouterr().err
     assert main(["track", "--keypoints", "a=b"]) == 2
     assert "--keypoints needs --calibration" in capsys.readouterr().err
+
+
+def test_the_calibration_that_the_options_give(tmp_path: Path) -> None:
+    camera = CameraRecord("a", np.diag([900.0, 900.0, 1.0]), np.zeros(5), np.eye(3), np.array([1.0, 2.0, 3.0]), (1920, 1080))
+    write_cameras(tmp_path / "rig.toml", [camera, camera._replace(name="b")])
+    options = {"calibration": str(tmp_path / "rig.toml"), "unit": None, "up": "y", "image_size": ("b=960x540",)}
+    found = calibration_of(options)
+    assert found.up == "y" and [record.size for record in found.cameras] == [(1920, 1080), (960, 540)]
+    np.testing.assert_allclose([record.matrix[0, 0] for record in found.cameras], [900, 450])
+    np.testing.assert_allclose(found.cameras[0].rotation @ [1, -3, 2], [1, 2, 3])  # (x, -z, y) of the world is (1, 2, 3)

@@ -101,8 +101,8 @@ def check_frame_numbers(seen: SeenFrames) -> None:
         return
     numbers = []
     for found, clock in zip(seen.people, seen.clocks, strict=True):
-        own = found.frames[np.isfinite(found.points).any((1, 2, 3))]
-        numbers.append({int(number) for number in np.unique(np.floor([own - clock.offset, own - clock.offset + 0.999]))})
+        own = found.frames[np.isfinite(found.points).any((1, 2, 3))] - clock.offset
+        numbers.append({int(number) for number in np.concatenate([np.floor(own), np.ceil(own)])})
     for c, name in enumerate(seen.names):
         others = set().union(*(own for other, own in enumerate(numbers) if other != c))
         if numbers[c] and others and not numbers[c] & others:

@@ -9,6 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.choo_fleet import full_body
 from scipy.spatial.transform import Rotation
 
 from poseppl.errors import InputError
@@ -19,7 +20,7 @@ from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.camera_errors import camera_errors
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
-from poseppl.motion.tracking.keypoints import scene_of_keypoints
+from poseppl.motion.tracking.keypoints import check_markers, scene_of_keypoints
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -210,3 +211,15 @@ def test_what_does_not_fit_is_told(records: tuple[CameraRecord, ...], folders: d
         scene_of_keypoints({"cam1": folders["cam_01"]}, records)
     with pytest.raises(InputError, match="people are seen"):
         scene_of_keypoints(folders, records, rate=60, person=200)
+
+
+def test_animals_point_to_a_skeleton_and_parts_of_a_person_do_not(folders: dict[str, Path]) -> None:
+    person = read_openpose(folders["cam_01"])
+    body = full_body().tree.marker_names
+    check_markers(person, body)
+    fly = person._replace(layout="", names=("nose", "head", "neck", "shoulder_left", "shoulder_right", "tail_base", "trunk"))
+    with pytest.raises(InputError, match="--keypoints: 3 of the body's 17 markers .*tail_base.*--skeleton FILE.toml"):
+        check_markers(fly, body)
+    check_markers(fly, ("shoulder_l", "elbow_l", "wrist_l"))  # of an arm it is enough
+    legs = person._replace(layout="", names=tuple(f"{joint}{side}" for side in "LR" for joint in ("Hip", "Knee", "Ankle")))
+    check_markers(legs, body)
