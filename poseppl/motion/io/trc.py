@@ -56,7 +56,7 @@ def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
     if not seen:
         raise at.error("no frame shows a marker")
     kept = tuple(names[index] for index in seen)
-    vertical = vertical_axis(kept, places[:, seen], given=up, usual="y", kind="TRC files")
+    vertical = vertical_axis(kept, places[:, seen], given=up, usual="y", kind="TRC files", agreed=True)
     return Motion(kept, z_up(places[:, seen], vertical.axis), (), rate, str(path), (vertical.note(),))
 
 

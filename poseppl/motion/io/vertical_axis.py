@@ -21,6 +21,8 @@ AXES = ("x", "y", "z", "-x", "-y", "-z")
 _GIVEN = "--up says so"
 _ALONG = 0.8
 """Length of the mean direction's part along an axis, at least: upright in most frames, and within 37 degrees of it."""
+_FEW = 5
+"""Fewer points than this have no longest extent."""
 _LONGEST = 2.0
 """An extent that is so many times the next one is that of a person who stands."""
 _UPPER = (
@@ -73,6 +75,7 @@ def vertical_axis(
     rest: Floats | None = None,
     usual: str,
     kind: str,
+    agreed: bool = False,
 ) -> VerticalAxis:
     """Find the axis that points up.
 
@@ -85,6 +88,7 @@ def vertical_axis(
         rest: (K, 3) the skeleton at rest, if there is one.
         usual: What is usual in the format.
         kind: The kind of file, for messages.
+        agreed: Whether the format prescribes what is usual, so that the longest extent of points without names says nothing.
     """
     if given is not None:
         return VerticalAxis(given, _GIVEN, True)
@@ -98,7 +102,7 @@ def vertical_axis(
         return VerticalAxis(seen, "the head is above the feet along it", True)
     if rest is not None and (at_rest := _head_above_feet(names, rest[None])) is not None:
         return VerticalAxis(at_rest, "the head is above the feet in the skeleton at rest", True)
-    longest = _longest(positions)
+    longest = None if agreed else _longest(positions)
     if longest is not None:
         return VerticalAxis(longest, "the body is longest along it, and neither names nor the file say more", False)
     return VerticalAxis(usual, f"this is usual in {kind}, and nobody stands along another axis", False)
@@ -133,7 +137,7 @@ def _centre(names: Sequence[str], positions: Floats, patterns: Sequence[str]) ->
 def _longest(positions: Floats) -> str | None:
     """The axis of the longest extent of the cloud in the middle frame, if it is by far the longest."""
     whole = positions[np.isfinite(positions).all((1, 2))]
-    if not len(whole):
+    if not len(whole) or positions.shape[1] < _FEW:
         return None
     extents = np.median(np.ptp(whole, axis=1), axis=0)
     axis = int(extents.argmax())

@@ -55,6 +55,7 @@ def test_an_unknown_axis_is_assumed_and_named() -> None:
     tumbling = np.concatenate([recording(axis, 2) for axis in AXES])
     anonymous = [f"M{number}" for number in range(5)]
     assert vertical_axis(anonymous, tall, usual="z", kind="C3D files")[::2] == ("y", False)  # by far the longest
+    assert vertical_axis(anonymous, tall, usual="z", kind="TRC files", agreed=True)[::2] == ("z", False)
     assert vertical_axis(anonymous, lying, usual="z", kind="C3D files")[::2] == ("z", False)
     unsure = vertical_axis(NAMES, tumbling, usual="z", kind="C3D files")
     assert unsure[::2] == ("z", False) and "assumed" in unsure.note() and "--up" in unsure.note()
