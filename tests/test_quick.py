@@ -221,14 +221,3 @@ def test_kinematics_derivatives_are_those_of_differences() -> None:
         steps = 1e-5 * jnp.eye(tree.dimension)
         difference = [(marker_positions(tree, x + h) - marker_positions(tree, x - h)) / 2e-5 for h in steps]
         np.testing.assert_allclose(jacobian, jnp.moveaxis(jnp.stack(difference), 0, -1), rtol=1e-6, atol=1e-4)
-
-
-@pytest.mark.full
-def test_help_loads_no_numerical_library() -> None:
-    code = """
-import sys
-from poseppl.cli import main
-assert main(["--help"]) == 0
-assert not {"jax", "numpyro", "scipy", "xarray", "arviz", "matplotlib"} & set(sys.modules)
-"""
-    assert "Usage: poseppl" in run_python(code)

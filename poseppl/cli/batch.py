@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import chosen, common_options, worker_options
-from poseppl.cli.run import model_options
+from poseppl.cli.run import check_model, model_options
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
@@ -42,16 +42,19 @@ _KINDS = (".csv", ".parquet", ".pq", ".nc")
 @common_options
 def batch(folder: str, model: str, **options: Any) -> None:
     """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""
-    from poseppl.cli.batch_jobs import TableJob, digest_of, forget_lost, run_table, write_overview
     from poseppl.cli.console import ConsoleProgress, start_jax
+    from poseppl.cli.files import check_new_folder
+
+    check_model(model, options)
+    tables, target = _tables(Path(folder)), Path(options["output"])
+    check_new_folder(target, "--output")
+
+    from poseppl.cli.batch_jobs import TableJob, digest_of, forget_lost, run_table, write_overview
     from poseppl.cli.user_model import source_digest
     from poseppl.experiments.jobs import Inline, Processes, run_jobs
-    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+    from poseppl.runs.algorithms import FILTERS
 
     FILTERS[options["filter_name"]].check(options["settings"])
-    if options["smooth"]:
-        SMOOTHERS[options["smooth"]]
-    tables, target = _tables(Path(folder)), Path(options["output"])
     target.mkdir(parents=True, exist_ok=True)
     source = Path(model.partition(":")[0])
     jobs = [

@@ -7,8 +7,9 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs
 from poseppl.cli.options import common_options, seed_option
-from poseppl.cli.track_keypoints import keypoint_recording, source_options, words_of_keypoints
+from poseppl.cli.track_keypoints import check_source_words, keypoint_recording, source_options, words_of_keypoints
 from poseppl.cli.track_video import ManyFiles
 
 EXAMPLES = """
@@ -35,9 +36,9 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 )
 @click.argument("name")
 @source_options
-@click.option("--calibration", metavar="FILE", type=click.Path(), required=True, help="The calibrated cameras.")
-@click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
-@click.option("--rate", metavar="HZ", type=float, help="Frames a second. [default: 30]")
+@click.option("--calibration", metavar="FILE", type=InputFile(folders=True), required=True, help="The calibrated cameras.")
+@click.option("--frames", metavar="A:B:C", type=FRAMES, help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
+@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second. [default: 30]")
 @seed_option("Of the draws.")
 @common_options
 def calibrate_detector(name: str, **options: Any) -> None:
@@ -50,13 +51,17 @@ def calibrate_detector(name: str, **options: Any) -> None:
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.files import check_writable
-    from poseppl.motion.tracking.detector_calibration import calibrate_detector as calibrate
-    from poseppl.motion.tracking.detector_files import write_detector_errors
 
     if not options["keypoints"]:
         raise click.UsageError("give --keypoints of three cameras or more")
+    check_source_words(options)
+    check_inputs()
     target = Path(name if name.endswith(".json") else f"{name}.json")
     check_writable([target], [*words_of_keypoints(options["keypoints"]).values(), options["calibration"]])
+
+    from poseppl.motion.tracking.detector_calibration import calibrate_detector as calibrate
+    from poseppl.motion.tracking.detector_files import write_detector_errors
+
     progress = ConsoleProgress(options["quiet"])
     start_jax()
     with progress.running():

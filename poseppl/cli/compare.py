@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError, brief
 
@@ -31,7 +32,9 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 
 @click.command(epilog=EXAMPLES, short_help="Compare results on the same data.")
-@click.argument("results", metavar="[NAME=]RESULT [NAME=]RESULT ...", nargs=-1, type=click.Path())
+@click.argument(
+    "results", metavar="[NAME=]RESULT [NAME=]RESULT ...", nargs=-1, type=InputFile(paths=lambda word: [_pair(word)[1]])
+)
 @click.option("--output", "-o", metavar="FILE.html", default="comparison.html", show_default=True, help="The page.")
 @click.option("--csv", "table", metavar="FILE.csv", help="Every figure of every run, frame and coordinate as a table.")
 @common_options
@@ -46,9 +49,7 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     mean, which the few that mix badly decide, and which the ESS follows.
     """
     from poseppl.cli.files import check_writable, contents_of
-    from poseppl.diagnostics import compare as compare_runs
     from poseppl.files.atomic_writing import atomic_path
-    from poseppl.report import write_comparison, write_comparison_table
 
     runs = _Results(_named(results))
     page = _target(output, "--output", ".html", ".htm")
@@ -56,7 +57,12 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     targets = [path for path in (page, rows) if path is not None]
     if len({path.resolve() for path in targets}) < len(targets):
         raise InputError("two outputs of one name", file=page)
+    check_inputs()
     check_writable(targets, runs.files.values())
+
+    from poseppl.diagnostics import compare as compare_runs
+    from poseppl.report import write_comparison, write_comparison_table
+
     with contents_of(*runs.files.values()):
         comparison = compare_runs(runs, files=runs.files)
     with contents_of(*runs.files.values()), atomic_path(page) as drawn:
@@ -90,15 +96,19 @@ def _named(words: tuple[str, ...]) -> dict[str, Path]:
         raise click.UsageError("give two results or more")
     files: dict[str, Path] = {}
     for word in words:
-        name, equals, path = word.partition("=")
-        if not equals or Path(word).exists():
-            name, path = Path(word).stem, word
+        name, path = _pair(word)
         if name in files:
             raise InputError(
                 f"a second run called {brief(name)}, after {files[name]}", file=path, expected=f"another name: NAME={path}"
             )
         files[name] = Path(path)
     return files
+
+
+def _pair(word: str) -> tuple[str, str]:
+    """Name and file of a word; a file whose own name has an equals sign is one, too."""
+    name, equals, path = word.partition("=")
+    return (Path(word).stem, word) if not equals or Path(word).exists() else (name, path)
 
 
 def _target(given: str, field: str, *suffixes: str) -> Path:

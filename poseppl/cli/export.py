@@ -7,7 +7,9 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import BUILDER, InputFile, check_inputs, number
 from poseppl.cli.options import common_options
+from poseppl.files.exchange_formats import files_of
 
 FORMATS = ("trc", "mot", "c3d", "csv", "rrd")
 BY_DEFAULT = ("trc", "mot")
@@ -54,7 +56,7 @@ class WordsCommand(click.Command):
 
 
 @click.command(cls=WordsCommand, epilog=EXAMPLES, short_help="Write a result for OpenSim and other programs.")
-@click.argument("result", type=click.Path())
+@click.argument("result", type=InputFile())
 @click.option(
     "--format",
     "formats",
@@ -65,11 +67,17 @@ class WordsCommand(click.Command):
 )
 @click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the files go. [default: beside RESULT]")
 @click.option(
-    "--level", metavar="SHARE", type=float, default=0.9, show_default=True, help="What the intervals hold of the probability."
+    "--level",
+    metavar="SHARE",
+    type=number("a share between 0 and 1, such as 0.9", lambda level: 0 < level < 1),
+    default=0.9,
+    show_default=True,
+    help="What the intervals hold of the probability.",
 )
 @click.option(
     "--model",
     metavar="BUILDER",
+    type=BUILDER,
     help="The body that was tracked, where it is not an installed one, for RESULT does not choose what is run; for angles. "
     "[default: the one that RESULT names]",
 )
@@ -82,14 +90,17 @@ def export(result: str, formats: tuple[str, ...], output: str | None, level: flo
     """
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_folder
-    from poseppl.motion.io.exchange_formats import files_of
+
+    check_inputs()
+    target = output_folder(output, result) / Path(result).name
+    likely = files_of(target.parent, target.stem, formats or BY_DEFAULT)
+    check_writable((path for paths in likely.values() for path in paths), [result])
+
     from poseppl.motion.tracking.export import has_angles
     from poseppl.runs.results import load_result
 
-    folder = output_folder(output, result)
     tree = load_result(result)
-    target, chosen = folder / Path(result).name, formats or (BY_DEFAULT if has_angles(tree) else BY_DEFAULT[:1])
-    check_writable((path for paths in files_of(folder, target.stem, chosen).values() for path in paths), [result])
+    chosen = formats or (BY_DEFAULT if has_angles(tree) else BY_DEFAULT[:1])
     progress = ConsoleProgress(quiet)
     start_jax()
     with contents_of(result):

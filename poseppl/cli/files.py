@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -70,6 +71,21 @@ def output_folder(given: str | None, result: str) -> Path:
     if not folder.is_dir():
         raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
     return folder
+
+
+def check_new_folder(path: str | Path, option: str) -> None:
+    """Check that files can be written into a folder that may not be there yet, before the work is done.
+
+    Raises:
+        InputError: It is something else, or it cannot be made or written.
+    """
+    folder = Path(path).absolute()
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise InputError("not a folder", file=folder, field=option, expected="a folder, which need not exist yet")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError("the output folder cannot be written", file=folder, field=option, expected="write permission")
 
 
 def tell_replaced(target: Path, progress: Any) -> None:

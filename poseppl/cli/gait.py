@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs, check_recording
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
 
@@ -24,10 +25,10 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 
 @click.command("fit-gait", epilog=EXAMPLES, short_help="Fit the built-in walk to a recorded one.")
-@click.argument("recording", type=click.Path())
-@click.option("--skeleton", metavar="ASF", type=click.Path(), help="Skeleton of an .amc recording.")
-@click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
-@click.option("--rate", metavar="HZ", type=float, help="Frames a second, where the file does not tell. [default: 120 for .amc]")
+@click.argument("recording", type=InputFile())
+@click.option("--skeleton", metavar="ASF", type=InputFile(), help="Skeleton of an .amc recording.")
+@click.option("--frames", metavar="A:B:C", type=FRAMES, help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
+@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second, where the file does not tell. [default: 120 for .amc]")
 @click.option(
     "--harmonics", metavar="K", type=click.IntRange(1, 20), default=4, show_default=True, help="Harmonics of the gait cycle."
 )
@@ -49,11 +50,15 @@ def fit_gait(
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_writable
     from poseppl.files.atomic_writing import atomic_path
+
+    target = Path(output)
+    check_recording(recording, skeleton)
+    check_inputs()
+    check_writable([target], [recording, skeleton])
+
     from poseppl.motion.bodies.body import load_builder
     from poseppl.motion.io import read_motion, slice_frames
 
-    target = Path(output)
-    check_writable([target], [recording, skeleton])
     start_jax()
     motion = read_motion(recording, skeleton, rate=rate)
     for told in motion.notes:

@@ -14,9 +14,10 @@ import numpy as np
 import xarray as xr
 
 from poseppl.cli.options import chosen
+from poseppl.cli.run import rows_of_text
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
-from poseppl.errors import InputError, UnsuitableModelError, brief
+from poseppl.errors import InputError, UnsuitableModelError
 from poseppl.filters.suitability import suited_filters
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
@@ -51,10 +52,8 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     """
     algorithm = FILTERS[options["filter_name"]]
     algorithm.check(options["settings"])
-    if options["smooth"]:
-        SMOOTHERS[options["smooth"]]
     progress.stage("reading")
-    table, inputs = read_series(path, tuple(options["inputs"]), _rows(options.get("frames")))
+    table, inputs = read_series(path, tuple(options["inputs"]), rows_of_text(options.get("frames")))
     model = _compiled(name, source_digest(name), tuple(options["inputs"]), tuple(sorted(options["params"].items())))
     series = series_of(model, table, inputs, path)
     for error in table.misspelt:
@@ -134,15 +133,3 @@ def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str,
         },
         "verdicts": [{"severity": each.severity, "text": each.text} for each in verdicts(tree)],
     }
-
-
-def _rows(text: str | None) -> slice:
-    """Rows A:B:C."""
-    parts = (text or ":").split(":")
-    try:
-        numbers = [int(part) if part else None for part in parts]
-    except ValueError:
-        numbers = []
-    if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
-        raise InputError(brief(text), field="--frames", expected="A:B or A:B:C, such as 0:200:2")
-    return slice(*numbers)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import BUILDER, RATE, InputFile, check_inputs, files_of_recording
 from poseppl.cli.options import common_options, seed_option
 from poseppl.errors import InputError
 
@@ -32,14 +33,19 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 @click.command("fit-motion", epilog=EXAMPLES, short_help="Learn an activity from recordings of it.")
 @click.argument("name")
-@click.argument("files", nargs=-1, required=True, metavar="FILE[,SKELETON]...")
+@click.argument("files", nargs=-1, required=True, metavar="FILE[,SKELETON]...", type=InputFile(paths=files_of_recording))
 @click.option(
-    "--model", metavar="NAME", default=BODY, show_default=True, help="The body: package.module:builder or FILE.py:builder."
+    "--model",
+    metavar="NAME",
+    type=BUILDER,
+    default=BODY,
+    show_default=True,
+    help="The body: package.module:builder or FILE.py:builder.",
 )
 @click.option(
     "--rate",
     metavar="HZ",
-    type=float,
+    type=RATE,
     help="Frames a second of the model: of each recording every n-th is taken. [default: the highest that all can have]",
 )
 @click.option("--components", metavar="N", type=click.IntRange(1), default=4, show_default=True, help="Principal components.")
@@ -61,13 +67,16 @@ def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.files import check_writable
-    from poseppl.motion.learned import TrainingSettings, train_motion_model, write_motion_model
 
+    check_inputs()
     target = Path(name if name.endswith(".nc") else f"{name}.nc")
     picture = None if options["plot"] is None else Path(options["plot"])
     check_writable([target, *([picture] if picture else [])], [part for word in files for part in word.split(",")])
     if picture and options["components"] < 2:
         raise InputError("a single component makes no picture", field="--plot", expected="--components of 2 or more")
+
+    from poseppl.motion.learned import TrainingSettings, train_motion_model, write_motion_model
+
     settings = TrainingSettings(
         options["components"], options["states"], options["rounds"], options["seed"], options["free"] or None
     )
@@ -92,8 +101,6 @@ def _pose(files: tuple[str, ...], model: str, rate: float | None, progress: Any)
     """The recordings as poses, at one rate."""
     from poseppl.motion.learned import common_rate, pose_recording, read_recording
 
-    if rate is not None and not 0 < rate < 1e6:
-        raise InputError(f"{rate:g}", field="--rate", expected="a positive number of frames a second")
     progress.stage("reading")
     recordings = []
     for word in files:

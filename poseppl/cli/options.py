@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
+from poseppl.cli.checks import BUILDER, FRAMES, RATE, InputFile, number
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 Option = Callable[[Any], Any]
 
@@ -57,26 +59,27 @@ subject_options = option_group(
     click.option(
         "--skeleton",
         metavar="ASF",
-        type=click.Path(),
+        type=InputFile(),
         help="Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps.",
     ),
     click.option(
         "--names",
         metavar="TOML",
-        type=click.Path(),
+        type=InputFile(),
         help="Which points of the recording are which markers, where its names are unusual: lines such as "
         'knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several.',
     ),
     click.option(
         "--lengths",
         metavar="TOML",
-        type=click.Path(),
+        type=InputFile(),
         help="Segment lengths that are known, mm: lines such as thigh = 435.0. [default: measured in a recording; "
         "those of --stature otherwise]",
     ),
     click.option(
         "--model",
         metavar="NAME",
+        type=BUILDER,
         help="Body to track: package.module:builder or FILE.py:builder. "
         "[default: poseppl_models.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
         "clamped to the truth]",
@@ -84,19 +87,20 @@ subject_options = option_group(
     click.option(
         "--frames",
         metavar="A:B:C",
+        type=FRAMES,
         help="Frames A to B - 1 in steps of C, counted from 0; each part may be left out. "
         "[default: all; 0:60 of the built-in walk]",
     ),
     click.option(
         "--rate",
         metavar="HZ",
-        type=float,
+        type=RATE,
         help="Frames a second, where the file does not tell. [default: 120 for .amc and exponential maps, else 30]",
     ),
     click.option(
         "--scale",
         metavar="MM",
-        type=float,
+        type=number("a positive number of millimetres", lambda scale: 0 < scale < 1e6),
         help="Millimetres a unit of a .bvh file. [default: guessed from the skeleton's height]",
     ),
     click.option(
@@ -113,31 +117,31 @@ camera_options = option_group(
     click.option(
         "--camera",
         metavar="TOML",
-        type=click.Path(),
+        type=InputFile(folders=True),
         help="Calibrated cameras (our own form or anipose's). [default: cameras placed around the subject]",
     ),
     click.option(
         "--cameras",
         metavar="N",
-        type=int,
+        type=number("1 to 4", lambda count: 1 <= count <= 4, click.INT),
         help="How many cameras are placed, 1 to 4, each at a right angle to the one before. [default: 1]",
     ),
     click.option(
         "--camera-distance",
         metavar="MM",
-        type=float,
+        type=number("100 to 1000000 mm", lambda distance: 100 <= distance <= 1e6),
         help="Distance of placed cameras from the subject's path, mm. [default: 5000]",
     ),
     click.option(
         "--view",
         metavar="DEGREES",
-        type=float,
+        type=number("-360 to 360 degrees", lambda view: abs(view) <= 360),
         help="From where the first camera sees the walk: 90 the right side, 0 the front, 180 the back. [default: 90]",
     ),
     click.option(
         "--noise",
         metavar="FRACTION",
-        type=float,
+        type=number("a positive fraction of the focal length, such as 0.003", lambda noise: 0 <= noise < 10),
         help="Standard deviation of the image noise as a fraction of the focal length: 0.003 is 3 mm at 1 m, and 3 "
         "pixels at a focal length of 1000. [default: the body's, 0.003]",
     ),

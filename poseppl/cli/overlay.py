@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs, file_of_pair
 from poseppl.cli.options import common_options
 
 EXAMPLES = """
@@ -26,8 +27,8 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 
 @click.command(epilog=EXAMPLES, short_help="Draw a result over the videos of its cameras.")
-@click.argument("result", type=click.Path())
-@click.argument("videos", nargs=-1, required=True, metavar="VIDEO...")
+@click.argument("result", type=InputFile())
+@click.argument("videos", nargs=-1, required=True, metavar="VIDEO...", type=InputFile(folders=True, paths=file_of_pair))
 @click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the videos go. [default: beside RESULT]")
 @common_options
 def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: bool) -> None:
@@ -38,11 +39,14 @@ def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: boo
     """
     from poseppl.cli.console import ConsoleProgress
     from poseppl.cli.files import check_writable, contents_of, output_folder
+
+    check_inputs()
+    folder = output_folder(output, result)
+
     from poseppl.motion.rendering.overlay_video import write_overlay
     from poseppl.motion.tracking.video_sources import open_named
     from poseppl.runs.results import load_result
 
-    folder = output_folder(output, result)
     tree, opened = load_result(result), open_named(videos)
     paths = overlay_paths(opened, folder / Path(result).name)
     check_writable(paths, [result, *(word.rpartition("=")[2] for word in videos)])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
 
@@ -22,7 +23,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 
 @click.command(epilog=EXAMPLES, short_help="Write the report of a result.")
-@click.argument("result", type=click.Path())
+@click.argument("result", type=InputFile())
 @click.option("--output", "-o", metavar="FILE.html", help="The report. [default: RESULT with the suffix .html]")
 @common_options
 def report(result: str, output: str | None, quiet: bool) -> None:
@@ -33,14 +34,17 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     frames not to trust, and why, and error and coverage where the truth is known.
     """
     from poseppl.cli.files import check_writable, contents_of
-    from poseppl.report import write_report
-    from poseppl.runs.results import load_result
 
-    tree = load_result(result)
+    check_inputs()
     target = Path(result).with_suffix(".html") if output is None else Path(output)
     if target.suffix not in (".html", ".htm"):
         raise InputError("not a name for the report", file=target, field="--output", expected="NAME.html")
     check_writable([target], [result])
+
+    from poseppl.report import write_report
+    from poseppl.runs.results import load_result
+
+    tree = load_result(result)
     with contents_of(result):
         write_report(tree, target)
     if not quiet:

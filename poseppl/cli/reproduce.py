@@ -6,9 +6,10 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs, files_of_recording
 from poseppl.cli.options import common_options, worker_options
 from poseppl.errors import InputError, brief
-from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment
+from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment, parts_of
 
 EXAMPLES = """
 \b
@@ -34,6 +35,18 @@ Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
 """
 
 
+def _split(word: str) -> tuple[str, str]:
+    """Name and files of a recording.
+
+    Raises:
+        InputError: One of them is missing.
+    """
+    name, _, files = word.partition("=")
+    if not (name and files.partition(",")[0]):
+        raise InputError(brief(word), field="--motion", expected="NAME=FILE or NAME=FILE,SKELETON")
+    return name, files
+
+
 @click.command(epilog=EXAMPLES, short_help="Run a paper's experiments again.")
 @click.argument("paper", required=False, type=click.Choice(list(EXPERIMENTS)))
 @click.argument("parts", nargs=-1)
@@ -43,6 +56,7 @@ Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
     "--motion",
     "motions",
     metavar="NAME=FILE[,SKELETON]",
+    type=InputFile(folders=True, paths=lambda word: files_of_recording(_split(word)[1])),
     multiple=True,
     help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given "
     "several times. Sequences and tuning take the first. [default: the built-in walk]",
@@ -56,20 +70,25 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     papers and their parts are listed.
     """
     from poseppl.cli.console import ConsoleProgress, start_jax
-    from poseppl.experiments.jobs import Processes
+    from poseppl.cli.files import check_new_folder
     from poseppl.experiments.recordings import BUILT_IN
-    from poseppl.experiments.reproduction import reproduce
 
     if paper is None:
         _list_papers()
         return
+    known, folder = parts_of(paper), options["folder"] or paper
+    for part in parts:
+        if part not in known:
+            raise click.BadParameter(f"{paper} has no part {brief(part)}; its parts are {', '.join(known)}")
+    check_inputs()
+    check_new_folder(folder, "--folder")
     recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
+
+    from poseppl.experiments.jobs import Processes
+    from poseppl.experiments.reproduction import reproduce
+
     start_jax()
     experiment = find_experiment(paper)
-    for part in parts:
-        if part not in experiment.parts:
-            raise click.BadParameter(f"{paper} has no part {brief(part)}; its parts are {', '.join(experiment.parts)}")
-    folder = options["folder"] or paper
     with ConsoleProgress(options["quiet"], doing="computing", unit="jobs").running() as progress:
         reproduce(
             experiment,
@@ -88,14 +107,12 @@ def _list_papers() -> None:
     from poseppl.cli.console import print_table
 
     for name in EXPERIMENTS:
-        print_table(name, [(part, row.about) for part, row in find_experiment(name).parts.items()])
+        print_table(name, list(parts_of(name).items()))
 
 
 def _recording(word: str) -> Any:
     from poseppl.experiments.recordings import Recording
 
-    name, equals, files = word.partition("=")
+    name, files = _split(word)
     path, _, skeleton = files.partition(",")
-    if not (name and equals and path):
-        raise InputError(brief(word), field="--motion", expected="NAME=FILE or NAME=FILE,SKELETON")
     return Recording.of_file(name, path, skeleton or None)

@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import RATE, Checked, InputFile, check_code, check_inputs
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
-from poseppl.cli.settings import CommandWithSettings, settings_option
+from poseppl.cli.settings import CommandWithSettings, check_algorithm, settings_option
 from poseppl.errors import InputError, brief
 from poseppl.files.decimal_numbers import decimal_number
 
@@ -80,7 +81,7 @@ model_options = option_group(
         "--settings",
         "settings_file",
         metavar="TOML",
-        type=click.Path(),
+        type=InputFile(),
         is_eager=True,
         callback=_read_settings,
         help="Options from a file; those of the command line go first.",
@@ -130,18 +131,53 @@ model_options = option_group(
 """The model and what is done with it, as poseppl run and poseppl batch take them."""
 
 
+def check_model(model: str, options: dict[str, Any]) -> None:
+    """Refuse a model whose code is not there, algorithms and settings that there are not, and files that cannot be read.
+
+    Raises:
+        InputError: There is such a one.
+    """
+    check_code(model.partition(":")[0], "MODEL")
+    check_algorithm("filter", options["filter_name"], options["settings"])
+    if options["smooth"]:
+        check_algorithm("smoother", options["smooth"])
+    check_inputs()
+
+
+def _check_rows(text: str, option: str) -> None:
+    rows_of_text(text)
+
+
+def rows_of_text(text: str | None) -> slice:
+    """Rows A:B:C of a table.
+
+    Raises:
+        InputError: It is something else.
+    """
+    parts = (text or ":").split(":")
+    try:
+        numbers = [int(part) if part else None for part in parts]
+    except ValueError:
+        numbers = []
+    if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
+        raise InputError(brief(text), field="--frames", expected="A:B or A:B:C, such as 0:200:2")
+    return slice(*numbers)
+
+
 @click.command(cls=CommandWithSettings, epilog=EXAMPLES, short_help="Run a filter of your own model on your own data.")
 @click.argument("model")
 @click.option(
     "--data",
     metavar="FILE",
-    type=click.Path(),
+    type=InputFile(),
     required=True,
     help="A table, one row a frame: .csv, .parquet, or variables in .nc.",
 )
 @model_options
-@click.option("--frames", metavar="A:B:C", help="Rows A to B - 1 of the table in steps of C. [default: all]")
-@click.option("--rate", metavar="HZ", type=float, help="Frames a second.")
+@click.option(
+    "--frames", metavar="A:B:C", type=Checked(_check_rows), help="Rows A to B - 1 of the table in steps of C. [default: all]"
+)
+@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second.")
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
 @click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON, and no table.")
 @common_options
@@ -149,13 +185,16 @@ def run(model: str, data: str, **options: Any) -> None:
     """Run a filter of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], on a table of data."""
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
-    from poseppl.cli.model_runs import described, filtered, smoothed
     from poseppl.cli.outputs import write_outputs
 
+    check_model(model, options)
     target = output_path(options["output"], f"poseppl-{Path(data).stem}", ".nc")
     second = target.with_name(f"{target.stem}-{options['smooth']}.nc") if options["smooth"] else None
     targets = [target, *([second] if second else [])]
     check_writable([path.with_suffix(end) for path in targets for end in (".nc", ".png")], [data])
+
+    from poseppl.cli.model_runs import described, filtered, smoothed
+
     progress = ConsoleProgress(options["quiet"] or options["as_json"], "filtering")
     start_jax()
     with progress.running():

@@ -5,7 +5,7 @@ All is read from the signatures of what :mod:`poseppl.filters` and :mod:`poseppl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
@@ -42,7 +42,8 @@ class CommandWithSettings(click.Command):
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             word = error.option_name.lstrip("-").replace("-", "_")
-            names = {name for algorithm in _algorithms(self.kind).values() for name in algorithm.settings if word in name}
+            known = _algorithms(self.kind)
+            names = {setting for name in known for setting in known.described(name).settings if word in setting}
             hints = [f"--set {name}=" for name in names] or error.possibilities
             raise click.NoSuchOption(error.option_name, possibilities=hints, ctx=ctx) from error
 
@@ -51,6 +52,23 @@ def _algorithms(kind: str) -> Any:
     from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 
     return {"filter": FILTERS, "smoother": SMOOTHERS}[kind]
+
+
+def check_algorithm(kind: str, name: str, settings: Mapping[str, str] | None = None) -> None:
+    """Refuse a filter or a smoother that there is not, and settings of other names or types than its own.
+
+    No algorithm is imported for that; ranges are checked where it is built.
+
+    Args:
+        kind: "filter" or "smoother".
+        name: Its name.
+        settings: Values as words.
+
+    Raises:
+        InputError: There is none of this name.
+        SettingError: A setting cannot be used.
+    """
+    _algorithms(kind).described(name).complete(settings or {})
 
 
 def listing(kind: str, option: str, example: str) -> click.Command:
@@ -79,7 +97,7 @@ Exit status: 0 done, 1 no such {kind}, 2 wrong usage.
 
 def _list(algorithms: Any, name: str | None) -> None:
     formatter = click.HelpFormatter(max_width=100)
-    for algorithm in algorithms.values() if name is None else [algorithms[name]]:
+    for algorithm in map(algorithms.described, algorithms if name is None else [name]):
         settings = list(algorithm.settings.values())
         with formatter.section(algorithm.name):
             formatter.write_text(algorithm.summary)

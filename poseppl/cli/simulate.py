@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs, number
 from poseppl.cli.options import camera_options, common_options, seed_option, subject_options
 from poseppl.errors import InputError
 
@@ -44,12 +45,12 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 
 
 @click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion, or videos.")
-@click.argument("recording", required=False, type=click.Path())
+@click.argument("recording", required=False, type=InputFile())
 @subject_options
 @click.option(
     "--turn",
     metavar="MM",
-    type=float,
+    type=number("at least 300 mm, or -300 and below to turn right", lambda radius: abs(radius) >= 300),
     help="Lay the walk along a circle of this radius on the floor: to the left, or to the right with -MM; at least 300. Poses "
     "stay as they are, and so feet on the floor turn with the body. [default: as recorded]",
 )
@@ -57,13 +58,13 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.option(
     "--focal",
     metavar="PIXELS",
-    type=float,
+    type=number("1 to 1000000 pixels", lambda focal: 1 <= focal <= 1e6),
     help="Focal length of placed cameras. [default: 1500; a view of 70 degrees with --video]",
 )
 @click.option(
     "--size",
     metavar="W H",
-    type=int,
+    type=number("1 to 100000 pixels", lambda side: 1 <= side <= 100_000, click.INT),
     nargs=2,
     default=None,
     help="Their image, in pixels. [default: 1920 1080; 640 480 with --video]",
@@ -71,7 +72,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.option(
     "--missing",
     metavar="FRACTION",
-    type=float,
+    type=number("a fraction from 0 to below 1", lambda missing: 0 <= missing < 1),
     default=0.0,
     show_default=True,
     help="Fraction of the markers that are not seen, at random.",
@@ -118,20 +119,20 @@ def simulate(recording: str | None, **options: Any) -> None:
 def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.files import check_writable, output_path
-    from poseppl.cli.subject import find_subject, look_at_subject, stem_of
+    from poseppl.cli.subject import check_subject, find_subject, look_at_subject, stem_of
+
+    check_subject(recording, options)
+    check_inputs()
+    points = output_path(options["output"], stem_of(recording), ".csv")
+    camera, truth = points.with_suffix(".toml"), points.with_suffix(".nc")
+    check_writable([points, camera, truth], [recording, options["skeleton"], options["camera"]])
+
     from poseppl.motion.io import read_cameras, write_cameras, write_observations
     from poseppl.motion.tracking import observe_motion
     from poseppl.motion.tracking.placing import cameras_of_records, records_of_cameras
     from poseppl.motion.tracking.scene import observations_of_scene
     from poseppl.motion.tracking.truth import save_truth
 
-    points = output_path(options["output"], stem_of(recording), ".csv")
-    camera, truth = points.with_suffix(".toml"), points.with_suffix(".nc")
-    check_writable([points, camera, truth], [recording, options["skeleton"], options["camera"]])
-    if not 1 <= options["focal"] <= 1e6:
-        raise InputError(f"{options['focal']:g}", field="--focal", expected="1 to 1000000 pixels")
-    if not all(1 <= side <= 100_000 for side in options["size"]):
-        raise InputError(f"{options['size']}", field="--size", expected="1 to 100000 pixels")
     start_jax()
     subject = find_subject(recording, options, ConsoleProgress(options["quiet"]).note)
     cameras, names = look_at_subject(subject, options)

@@ -7,8 +7,9 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import BUILDER, InputFile, check_inputs
 from poseppl.cli.options import chosen, common_options, max_draws_option, seed_option
-from poseppl.cli.settings import CommandWithSettings, settings_option
+from poseppl.cli.settings import CommandWithSettings, check_algorithm, settings_option
 
 EXAMPLES = """
 \b
@@ -40,7 +41,7 @@ class SmoothCommand(CommandWithSettings):
 
 
 @click.command(cls=SmoothCommand, epilog=EXAMPLES, short_help="Smooth a result: every frame given all data.")
-@click.argument("result", type=click.Path())
+@click.argument("result", type=InputFile())
 @click.option(
     "--method", metavar="NAME", default="trajectory", show_default=True, help="Which smoother; poseppl smoothers lists them."
 )
@@ -56,6 +57,7 @@ class SmoothCommand(CommandWithSettings):
 @click.option(
     "--model",
     metavar="BUILDER",
+    type=BUILDER,
     help="The body that was tracked, package.module:builder or FILE.py:builder; needed where it is not an installed one, for "
     "RESULT does not choose what is run. [default: the one that RESULT names]",
 )
@@ -74,12 +76,18 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import summary, write_outputs
-    from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result
-    from poseppl.runs.results import load_result
 
-    tree = load_result(result)
+    check_algorithm("smoother", method, settings)
+    check_inputs()
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
     check_writable([target, target.with_suffix(".png")], [result])
+
+    from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result
+    from poseppl.runs.algorithms import SMOOTHERS
+    from poseppl.runs.results import load_result
+
+    SMOOTHERS[method].check(settings)
+    tree = load_result(result)
     progress = ConsoleProgress(options["quiet"])
     start_jax()
     with contents_of(result), progress.running():

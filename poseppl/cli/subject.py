@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from poseppl.cli.checks import check_recording
 from poseppl.cli.options import OF_PLACED_CAMERAS, chosen
 from poseppl.errors import InputError
 
@@ -22,33 +23,41 @@ def find_subject(recording: str | None, options: dict[str, Any], note: Callable[
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
     model = options["model"] or DEFAULT_MODEL
-    if options["scale"] is not None and not 0 < options["scale"] < 1e6:
-        raise InputError(f"{options['scale']:g}", field="--scale", expected="a positive number of millimetres")
-    rate = given_rate(options)
     if recording is None:
-        for name in ("skeleton", "scale", "up", "names", "lengths"):
-            if options[name] is not None:
-                raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
-        return walking_subject(model, frames=options["frames"], rate=rate, turn=options.get("turn"))
+        return walking_subject(model, turn=options.get("turn"), **chosen(options, "frames", "rate"))
     subject = recorded_subject(
         recording,
         options["skeleton"],
         model=model,
-        rate=rate,
         turn=options.get("turn"),
-        **chosen(options, "frames", "scale", "up", "names", "lengths"),
+        **chosen(options, "frames", "rate", "scale", "up", "names", "lengths"),
     )
     for told in subject.notes:
         note(f"{recording}: {told}")
     return subject
 
 
-def given_rate(options: dict[str, Any]) -> float | None:
-    """Frames a second, where the options tell."""
-    rate: float | None = options["rate"]
-    if rate is not None and not 0 < rate < 1e6:
-        raise InputError(f"{rate:g}", field="--rate", expected="a positive number of frames a second")
-    return rate
+def check_subject(recording: str | None, options: dict[str, Any]) -> None:
+    """Refuse options of a subject and its cameras that do not go together, before anything is imported for them.
+
+    Raises:
+        InputError: The built-in walk is given what only a recording has, a recording lacks its skeleton or is of no known
+            format, placed cameras are given besides those of a file, or there is to be no noise.
+    """
+    check_recording(recording, options["skeleton"])
+    for name in ("skeleton", "scale", "up", "names", "lengths") if recording is None else ():
+        if options[name] is not None:
+            raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
+    for name, given in chosen(options, *OF_PLACED_CAMERAS).items() if options["camera"] is not None else ():
+        if given is not None:
+            raise InputError("cameras come from the file", field="--" + name.replace("_", "-"), expected="no --camera with it")
+    check_noise(options)
+
+
+def check_noise(options: dict[str, Any]) -> None:
+    """Refuse points without noise; pictures may have none."""
+    if options["noise"] == 0:
+        raise InputError("0", field="--noise", expected="a positive fraction of the focal length, such as 0.003")
 
 
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
@@ -58,8 +67,6 @@ def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[s
 
     placed = {name: given for name, given in chosen(options, *OF_PLACED_CAMERAS).items() if given is not None}
     if options["camera"] is not None:
-        for name in placed:
-            raise InputError("cameras come from the file", field="--" + name.replace("_", "-"), expected="no --camera with it")
         records = read_cameras(options["camera"])
         return cameras_of_records(records), tuple(record.name for record in records)
     count = placed.get("cameras", 1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, check_inputs, number
 from poseppl.cli.options import (
     OF_PLACED_CAMERAS,
     OF_RECORDINGS,
@@ -20,9 +21,11 @@ from poseppl.cli.options import (
     subject_options,
 )
 from poseppl.cli.overlay import overlay_paths
-from poseppl.cli.settings import settings_option
+from poseppl.cli.settings import check_algorithm, settings_option
+from poseppl.cli.subject import check_noise, check_subject
 from poseppl.cli.track_keypoints import (
     check_keypoint_usage,
+    check_kind_of_keypoints,
     exported_targets,
     keypoint_options,
     keypoint_scene,
@@ -87,11 +90,11 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 
 
 @click.command(cls=ManyFiles, epilog=EXAMPLES, short_help="Track a body in 2-D markers, keypoints or videos.")
-@click.argument("recording", required=False, type=click.Path())
+@click.argument("recording", required=False, type=InputFile())
 @click.option(
     "--observations",
     metavar="CSV",
-    type=click.Path(),
+    type=InputFile(),
     help="2-D points to track instead of a recording: columns frame, marker, x, y, and where wanted camera and confidence; "
     "absent rows are missing markers. Needs --camera.",
 )
@@ -111,14 +114,14 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @click.option(
     "--sigma-position",
     metavar="MM",
-    type=float,
+    type=number("a positive number", lambda sigma: 0 < sigma < 1e6),
     help="Random walk of translations: standard deviation of a second's motion, mm; of a step, times the root of its time. "
     "[default: the body's, 82: 15 a frame at 30 Hz]",
 )
 @click.option(
     "--sigma-angle",
     metavar="RAD",
-    type=float,
+    type=number("a positive number", lambda sigma: 0 < sigma < 1e6),
     help="Random walk of angles: the same in radians. [default: the body's, 0.82: 0.15 a frame at 30 Hz]",
 )
 @click.option(
@@ -139,7 +142,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @click.option(
     "--prior",
     metavar="FILE.nc",
-    type=click.Path(),
+    type=InputFile(),
     help="A learned activity of poseppl fit-motion in place of the random walk. The filter is then switching, and the body "
     "its own but for videos, unless others are asked for. Frames in which it does not hold are told.",
 )
@@ -182,12 +185,13 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     Lengths are in mm, angles in radians, times in seconds.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdicts, start_jax
-    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.files import check_new_folder, check_writable, output_path
     from poseppl.cli.outputs import summary, write_outputs
     from poseppl.cli.subject import stem_of
     from poseppl.threads import spare_threads
 
     spare_threads(options["devices"])  # here, since bodies start JAX as they are imported
+    options["filter_name"] = _filter_of(options)
     _check_usage(recording, observations, options)
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     words += words_of_keypoints(options["keypoints"]).values()
@@ -196,12 +200,16 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     picture = target.with_suffix(".png")
     tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration", "detector_errors")]
     inputs = [recording, observations, *tables, *words]
-    sources = open_sources(options) if options["video"] else None
-    overlays = overlay_paths(sources.videos, target) if sources else []
+    check_writable([target, picture, *live_table(options, target)], inputs)
+    if options["checkpoint"]:
+        check_new_folder(options["checkpoint"], "--checkpoint")
+    check_kind_of_keypoints(options)
     later = None if wants_points(options) else smoothed_target(options, target)
     beside = [] if later is None else [later, later.with_suffix(".png")]
-    beside += live_table(options, target)
-    check_writable([target, picture, *overlays, *beside, *exported_targets(options, later or target)], inputs)
+    check_writable([*beside, *exported_targets(options, later or target)], inputs)
+    sources = open_sources(options) if options["video"] else None
+    overlays = overlay_paths(sources.videos, target) if sources else []
+    check_writable(overlays, inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     if wants_points(options):
@@ -242,6 +250,8 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
     check_video_usage(options, points or bool(options["keypoints"]))
     check_keypoint_usage(options, points)
     check_smooth_usage(options)
+    if options["prior_alone"] and not options["prior"]:
+        raise click.UsageError("--prior-alone goes with --prior")
     if options["resume"] and options["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if observations is not None:
@@ -250,6 +260,19 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
         refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS, "up"), "does not go with --observations")
     elif options["stature"] is not None and not options["video"] and not options["keypoints"]:
         raise click.UsageError("--stature goes with --video, --observations or --keypoints; a recording tells its own")
+    if not (observations or options["video"] or options["keypoints"]):
+        check_subject(recording, options)
+    check_noise(options)
+    check_algorithm("filter", options["filter_name"], options["settings"])
+    if options["smooth_method"]:
+        check_algorithm("smoother", options["smooth_method"])
+    check_inputs()
+
+
+def _filter_of(options: dict[str, Any]) -> str:
+    """The filter that is asked for, or else that of what is seen; see docs/choosing.md."""
+    usual = "assumed-density" if options["keypoints"] or options["video"] else "kalman"
+    return str(options["filter_name"] or ("switching" if options["prior"] else usual))
 
 
 def _run(
@@ -257,18 +280,15 @@ def _run(
 ) -> tuple[Any, str | None, Any]:
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
     from poseppl.cli.files import tell_replaced
-    from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking.walk import ASSUMED_RATE
-    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+    from poseppl.runs.algorithms import FILTERS
 
     if options["prior"]:
         _choose_for_prior(options)
-    elif options["prior_alone"]:
-        raise click.UsageError("--prior-alone goes with --prior")
     model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
         model=model,
@@ -278,10 +298,7 @@ def _run(
         other_motion=not options["prior_alone"],
         **chosen(options, *_SETTINGS),
     )
-    if settings.filter:
-        FILTERS[settings.filter].check(settings.options)
-    if options["smooth_method"]:
-        SMOOTHERS[options["smooth_method"]]
+    FILTERS[options["filter_name"]].check(settings.options)
     if options["live"]:
         return *track_live(options, settings, target, progress), None
     progress.stage("reading")
@@ -295,7 +312,7 @@ def _run(
             observations,
             read_cameras(options["camera"]),
             model=model,
-            rate=given_rate(options),
+            rate=options["rate"],
             **chosen(options, "frames", "noise", "stature", "lengths"),
         )
     else:
@@ -314,10 +331,10 @@ def _run(
 
 
 def _choose_for_prior(options: dict[str, Any]) -> None:
-    """Take the body and the filter that go with a learned prior, where no others are asked for."""
+    """Take the body that goes with a learned prior, where no other is asked for."""
     from poseppl.motion.bodies.body import installed_builder
     from poseppl.motion.learned import read_motion_model
-    from poseppl.motion.tracking.learned_prior import DEFAULT_FILTER, SILHOUETTE_NOISE
+    from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
 
     known = read_motion_model(options["prior"])
     if options["video"]:
@@ -326,7 +343,6 @@ def _choose_for_prior(options: dict[str, Any]) -> None:
     elif options["model"] is None:
         installed_builder(known.body)
         options["model"] = known.body
-    options["filter_name"] = options["filter_name"] or DEFAULT_FILTER
 
 
 def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tuple[Any, Any, tuple[str, ...]]:

@@ -7,10 +7,16 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import Checked, InputFile, file_of_pair, known_name
 from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.track_live import check_live_usage, live_options
-from poseppl.errors import InputError, Location, PosepplError, brief
+from poseppl.declarations import declared
+from poseppl.errors import InputError, PosepplError, brief
+from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.exchange_formats import files_of
 
+LAYOUTS = ("coco17", "coco18", "body25", "body25b", "halpe26", "mediapipe33")
+"""Those of :mod:`poseppl.motion.io.keypoint_layouts`."""
 _ONLY = (
     "layout",
     "person",
@@ -28,24 +34,34 @@ _ONLY = (
     "live",
 )
 
+
+def _check_unit(unit: str, option: str) -> None:
+    known = declared("poseppl.motion.io.length_units", "MM_PER_UNIT")
+    expected = f"{', '.join(known)}, or a number of mm from 0.000001 to 1000000"
+    if unit not in known and not 1e-6 <= _number(unit, option, expected) <= 1e6:
+        raise InputError(brief(unit), field=option, expected=expected)
+
+
 source_options = option_group(
     click.option(
         "--keypoints",
         metavar="CAMERA=FILE...",
         multiple=True,
-        type=click.Path(),
+        type=InputFile(folders=True, paths=file_of_pair),
         help="Keypoints to track instead of a recording: for each camera of --calibration that is used, a detector's file, or "
         "its folder of one file a frame. Frames of the same number are of one time, but for offsets that are found, and told.",
     ),
     click.option(
         "--detector",
         metavar="NAME",
+        type=known_name(lambda: declared("poseppl.motion.io.keypoints", "DETECTORS")),
         help="--keypoints: what wrote them: openpose, alphapose, mmpose, mediapipe, deeplabcut, sleap, caliscope, ultralytics, "
         "vitpose or freemocap. [default: found from their content]",
     ),
     click.option(
         "--layout",
         metavar="NAME",
+        type=known_name(lambda: LAYOUTS),
         help="--keypoints: which points they are: coco17, coco18, body25, body25b, halpe26 or mediapipe33. "
         "[default: found from them]",
     ),
@@ -58,6 +74,7 @@ source_options = option_group(
     click.option(
         "--unit",
         metavar="UNIT",
+        type=Checked(_check_unit),
         help="--keypoints: the unit of length of --calibration: mm, cm, m, or how many mm it has. [default: what the file "
         "says; else found from the person's size, and told]",
     ),
@@ -126,7 +143,7 @@ keypoint_options = option_group(
     click.option(
         "--detector-errors",
         metavar="FILE.json",
-        type=click.Path(),
+        type=InputFile(),
         help="--keypoints: the detector's errors, by keypoint and confidence, as poseppl calibrate-detector finds them. "
         "[default: one noise a camera, measured, that grows as the root of the confidence falls]",
     ),
@@ -149,12 +166,17 @@ def numbers_of_cameras(words: tuple[str, ...] | None, option: str) -> dict[str, 
     Raises:
         InputError: A word is no CAMERA=NUMBER, or names a camera again.
     """
-    from poseppl.motion.io.text_parsing import parse_number
+    expected = "CAMERA=NUMBER, such as cam2=3.5"
+    found = _by_camera(words or (), option, expected)
+    return {camera: _number(text, option, expected) for camera, text in found.items()}
 
-    found = {}
-    for camera, text in _by_camera(words or (), option, "CAMERA=NUMBER, such as cam2=3.5").items():
-        found[camera] = parse_number(text.strip(), Location(field=option))
-    return found
+
+def _number(text: str, option: str, expected: str) -> float:
+    """A finite number of at most 1e9."""
+    value = decimal_number(text.strip())
+    if value is None or not abs(value) <= 1e9:
+        raise InputError(f"{brief(text)} is not a number", field=option, expected=expected)
+    return value
 
 
 def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
@@ -169,18 +191,35 @@ def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, 
     return found
 
 
-def _clocks(options: dict[str, Any], rate: float | None) -> Any:
+def _clocks(options: dict[str, Any]) -> Any:
     from poseppl.motion.tracking.keypoint_sources import Clocks
     from poseppl.motion.tracking.walk import ASSUMED_RATE
 
+    rates, offsets = _rates(options), numbers_of_cameras(options["offset"], "--offset")
+    return Clocks(options["rate"] or ASSUMED_RATE, rates, offsets, not options["keep_clocks"])
+
+
+def _rates(options: dict[str, Any]) -> dict[str, float]:
+    """Frames a second of the cameras that have their own."""
     rates = numbers_of_cameras(options["camera_rate"], "--camera-rate")
     for camera, own in rates.items():
         if not 1e-3 <= own <= 1e5:
             raise InputError(f"{camera}={own:g}", field="--camera-rate", expected="0.001 to 100000 frames a second")
-    if rates and rate is None:
+    if rates and options["rate"] is None:
         raise InputError("it needs --rate, that of the other cameras", field="--camera-rate")
-    offsets = numbers_of_cameras(options["offset"], "--offset")
-    return Clocks(rate or ASSUMED_RATE, rates, offsets, not options["keep_clocks"])
+    return rates
+
+
+def check_source_words(options: dict[str, Any]) -> None:
+    """Refuse words of cameras that are not of their form, before anything is read.
+
+    Raises:
+        InputError: A word is such.
+    """
+    words_of_keypoints(options["keypoints"])
+    numbers_of_cameras(options["offset"], "--offset")
+    _rates(options)
+    _sizes(options)
 
 
 def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
@@ -200,18 +239,34 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
         raise click.UsageError("--keypoints needs --calibration FILE")
     if options["detector_errors"] is not None and options["noise"] is not None:
         raise click.UsageError("give --detector-errors or --noise, not both")
-    with_skeleton = options["skeleton"] is not None and wants_points(options)
-    refuse((*OF_RECORDINGS[with_skeleton:], *OF_PLACED_CAMERAS, "camera"), "does not go with --keypoints")
+    refuse((*OF_RECORDINGS[1:], *OF_PLACED_CAMERAS, "camera"), "does not go with --keypoints")
+    check_source_words(options)
 
 
 def wants_points(options: dict[str, Any]) -> bool:
     """Whether keypoints are of anything, each a point by itself, rather than of a person's body."""
-    if not options["keypoints"]:
+    paths = words_of_keypoints(options["keypoints"]).values()
+    if paths and str(options["skeleton"] or "").lower().endswith(".toml"):
+        return True
+    if not paths or not all(path.lower().endswith(".csv") for path in paths):
         return False
     from poseppl.motion.tracking.point_files import is_point_table
 
-    named = str(options["skeleton"] or "").lower().endswith(".toml")
-    return named or all(is_point_table(path) for path in words_of_keypoints(options["keypoints"]).values())
+    return all(map(is_point_table, paths))
+
+
+def check_kind_of_keypoints(options: dict[str, Any]) -> None:
+    """Refuse options that do not go with what the files of keypoints hold, which must be there.
+
+    Raises:
+        click.UsageError: One of them is given.
+    """
+    if not options["keypoints"]:
+        return
+    if not wants_points(options):
+        refuse(("skeleton",), "does not go with --keypoints")
+    elif options["smooth_method"] is not None:
+        raise click.UsageError("points with names of their own are smoothed anyway: leave --smooth out")
 
 
 def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
@@ -228,14 +283,13 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
         progress: Is told.
         more: Of :func:`~poseppl.motion.tracking.keypoints.scene_of_keypoints`.
     """
-    from poseppl.cli.subject import given_rate
     from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
         calibration_of(options),
-        clocks=_clocks(options, given_rate(options)),
-        rate=given_rate(options),
+        clocks=_clocks(options),
+        rate=options["rate"],
         mend=not options["keep_detections"],
         **chosen(options, "detector", "frames"),
         **about_person(options),
@@ -255,19 +309,25 @@ def calibration_of(options: dict[str, Any]) -> Any:
     from poseppl.motion.io import read_calibration
     from poseppl.motion.io.camera_fields import with_size
 
-    found = read_calibration(options["calibration"], options["unit"], options.get("up"))
-    sizes = {}
-    for camera, text in _by_camera(options["image_size"] or (), "--image-size", "CAMERA=WxH, such as cam2=960x540").items():
+    found, sizes = read_calibration(options["calibration"], options["unit"], options.get("up")), _sizes(options)
+    for camera in sizes:
         if camera not in (known := [record.name for record in found.cameras]):
             raise InputError(f"no camera {camera!r} in the calibration", field="--image-size", expected=", ".join(known))
+    cameras = (with_size(record, sizes.get(record.name, record.size)) for record in found.cameras)
+    return found._replace(cameras=tuple(cameras))
+
+
+def _sizes(options: dict[str, Any]) -> dict[str, tuple[int, int]]:
+    """Width and height of the pictures of some cameras, px."""
+    sizes = {}
+    for camera, text in _by_camera(options["image_size"] or (), "--image-size", "CAMERA=WxH, such as cam2=960x540").items():
         width, _, height = text.lower().partition("x")
         if not all(
             side.isascii() and side.isdigit() and len(side) < 7 and 1 <= int(side) <= 100_000 for side in (width, height)
         ):
             raise InputError(f"{camera}={brief(text)}", field="--image-size", expected="CAMERA=WxH in px, such as cam2=960x540")
         sizes[camera] = (int(width), int(height))
-    cameras = (with_size(record, sizes.get(record.name, record.size)) for record in found.cameras)
-    return found._replace(cameras=tuple(cameras))
+    return sizes
 
 
 def about_person(options: dict[str, Any]) -> dict[str, Any]:
@@ -286,7 +346,6 @@ def about_person(options: dict[str, Any]) -> dict[str, Any]:
 def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:
     """The files for other programs of a result."""
     from poseppl.cli.export import BY_DEFAULT
-    from poseppl.motion.io.exchange_formats import files_of
 
     if not options["keypoints"] or options["no_export"]:
         return []

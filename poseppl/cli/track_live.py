@@ -95,10 +95,9 @@ def track_live(options: dict[str, Any], settings: Any, target: Path, progress: A
         InputError: A folder, a camera or the first frames cannot be used, or no frame comes.
     """
     from poseppl.cli.signals import signals_set
-    from poseppl.cli.subject import given_rate
     from poseppl.motion.tracking.walk import ASSUMED_RATE
 
-    rate = given_rate(options)
+    rate = options["rate"]
     if rate is None:
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
     table = LiveTable(live_table(options, target)[0], rate or ASSUMED_RATE, progress.note)

@@ -47,7 +47,6 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     from poseppl.cli.console import print_table
     from poseppl.cli.files import tell_replaced
     from poseppl.cli.outputs import write_outputs
-    from poseppl.cli.subject import given_rate
     from poseppl.motion.io.skeleton_files import read_skeleton
     from poseppl.motion.tracking.point_files import read_point_recording, result_of_points
     from poseppl.motion.tracking.point_smoothing import smooth_points
@@ -64,7 +63,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
         detector=options["detector"],
         person=options["person"] or 1,
         frames=options["frames"],
-        rate=given_rate(options),
+        rate=options["rate"],
     )
     told = [] if calibration.unit else ["the calibration does not tell its unit, which is taken for metres (--unit)"]
     told += [] if recording.rate else [f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)"]

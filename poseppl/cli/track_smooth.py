@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from poseppl.cli.options import chosen
-from poseppl.cli.track_keypoints import wants_points
 from poseppl.errors import InputError, PosepplError
 
 smooth_option = click.option(
@@ -28,8 +27,6 @@ def check_smooth_usage(options: dict[str, Any]) -> None:
     for name in ("live", "online", "prior"):
         if options.get(name):
             raise click.UsageError(f"--smooth does not go with --{name}")
-    if wants_points(options):
-        raise click.UsageError("points with names of their own are smoothed anyway: leave --smooth out")
 
 
 def smoothing_method(options: dict[str, Any]) -> str | None:

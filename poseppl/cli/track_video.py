@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from poseppl.cli.checks import InputFile, file_of_pair, number
 from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError, brief
+from poseppl.files.frame_range import FrameRange
 
 MANY = ("--video", "--background", "--occlusion", "--masks", "--keypoints")
 _ONLY = ("calibration", "background", "occlusion", "masks", "facing", "silhouette_noise", "refine", "edges")
@@ -42,16 +45,21 @@ video_options = option_group(
         "--video",
         metavar="FILE...",
         multiple=True,
-        type=click.Path(),
+        type=InputFile(folders=True, paths=file_of_pair),
         help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
         "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
     ),
-    click.option("--calibration", metavar="FILE", type=click.Path(), help="--video, --keypoints: the calibrated cameras."),
+    click.option(
+        "--calibration",
+        metavar="FILE",
+        type=InputFile(folders=True),
+        help="--video, --keypoints: the calibrated cameras.",
+    ),
     click.option(
         "--background",
         metavar="FILE...",
         multiple=True,
-        type=click.Path(),
+        type=InputFile(folders=True, paths=file_of_pair),
         help="--video: background plates, pictures or clips of the empty scene, named as the cameras or NAME=FILE. "
         "[default: the background is learned from the videos]",
     ),
@@ -59,21 +67,21 @@ video_options = option_group(
         "--occlusion",
         metavar="FILE...",
         multiple=True,
-        type=click.Path(),
+        type=InputFile(paths=file_of_pair),
         help="--video: occlusion masks, white where furniture stands before the person, named alike.",
     ),
     click.option(
         "--masks",
         metavar="FILE...",
         multiple=True,
-        type=click.Path(),
+        type=InputFile(folders=True, paths=file_of_pair),
         help="--video: masks instead of a background, white on the person, named alike: a video, a folder of pictures, or "
         ".npz as poseppl simulate --video writes it.",
     ),
     click.option(
         "--stature",
         metavar="MM",
-        type=float,
+        type=number("500 to 2500 mm", lambda stature: 500 <= stature <= 2500),
         help="--video, --observations, --keypoints: height of the person, whose segments are in proportion. [default: 1750, "
         "or the scene's truth; of keypoints measured by several cameras, any adult's in one]",
     ),
@@ -86,7 +94,7 @@ video_options = option_group(
     click.option(
         "--silhouette-noise",
         metavar="MM",
-        type=float,
+        type=number("a positive number of mm", lambda noise: 0 < noise < 1e4),
         help="--video: standard deviation of a silhouette's distances at the body. [default: 80; with --prior 200]",
     ),
     click.option(
@@ -114,27 +122,35 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
     if others:
         raise click.UsageError("give --video, a RECORDING or --observations, not two of them")
     refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS, "camera", "noise"), "does not go with --video")
+    if not is_scene(options["video"]) and options["calibration"] is None:
+        raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
+    for name in ("calibration", "up", "background", "occlusion", "masks") if is_scene(options["video"]) else ():
+        if options[name]:
+            problem = f"{options['video'][0]} has its own"
+            raise InputError(problem, field=f"--{name}", expected="no such option with a scene's folder")
+    if FrameRange.parse(options["frames"]).step > 1:
+        raise InputError(brief(options["frames"]), field="--frames", expected="A:B, frames A to B - 1 of the videos")
+
+
+def is_scene(words: Sequence[str]) -> bool:
+    """Whether videos are those of a rendered scene, of which its folder alone is given."""
+    return len(words) == 1 and "=" not in words[0] and (Path(words[0]) / "scene.toml").is_file()
 
 
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
-    from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import FrameRange, VideoWarning
+    from poseppl.motion.io import VideoWarning
     from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
     from poseppl.motion.vision import BackgroundSettings
 
-    rate = given_rate(options)
+    rate = options["rate"]
     frames = FrameRange.parse(options["frames"])
-    if frames.step > 1:
-        raise InputError(brief(options["frames"]), field="--frames", expected="A:B, frames A to B - 1 of the videos")
     start, stop = frames.start, frames.stop
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
     settings = SilhouetteSettings()
     if options["silhouette_noise"] is not None:
-        if not 0 < options["silhouette_noise"] < 1e4:
-            raise InputError(f"{options['silhouette_noise']:g}", field="--silhouette-noise", expected="a positive number of mm")
         settings = settings._replace(noise=options["silhouette_noise"])
     settings = settings._replace(edges=bool(options["edges"]))
     with warnings.catch_warnings(record=True) as told:
@@ -158,16 +174,11 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
 
 def open_sources(options: dict[str, Any]) -> Any:
     """Open the videos, and what goes with them."""
-    from poseppl.motion.tracking.video_sources import is_video, sources_of_files, sources_of_scene
+    from poseppl.motion.tracking.video_sources import sources_of_files, sources_of_scene
 
     words = options["video"]
-    if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
-        for name in ("calibration", "up", "background", "occlusion", "masks"):
-            if options[name]:
-                raise InputError(f"{words[0]} has its own", field=f"--{name}", expected="no such option with a scene's folder")
+    if is_scene(words):
         return sources_of_scene(words[0])
-    if options["calibration"] is None:
-        raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
     return sources_of_files(
         words,
         options["calibration"],

@@ -19,16 +19,21 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
         InputError: An option or an input cannot be used.
         PosepplError: A package or OpenGL is missing, or the disk is full.
     """
+    from poseppl.cli.checks import check_inputs, check_recording
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.subject import find_subject, stem_of
+
+    folder = _folder(options["output"], stem_of(recording))
+    _refuse(options)
+    check_recording(recording, options["skeleton"])
+    check_inputs()
+
     from poseppl.motion.io.opencv import opencv
     from poseppl.motion.rendering import SensorNoise, build_setting
     from poseppl.motion.rendering.noise import check_noise
     from poseppl.motion.rendering.packages import load_mujoco
     from poseppl.motion.tracking.subject_video import film_subject
 
-    folder = _folder(options["output"], stem_of(recording))
-    _refuse(options)
     noise = SensorNoise() if options["noise"] is None else SensorNoise(level=options["noise"])
     check_noise(noise)
     load_mujoco()

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from poseppl.declarations import declared
+
 if TYPE_CHECKING:
     from poseppl.experiments.experiment import Experiment
 
@@ -24,6 +26,15 @@ EXPERIMENTS: Mapping[str, str] = {
     "bodytrack": "poseppl.experiments.bodytrack",
 }
 """Packages, each with its `EXPERIMENT`."""
+
+
+def parts_of(name: str) -> dict[str, str]:
+    """The parts of an experiment, and what each measures; nothing is imported for that.
+
+    >>> parts_of("bodytrack")["estimates"]
+    'what annealed filters find in the first frame'
+    """
+    return {part: row.about for part, row in declared(EXPERIMENTS[name], "EXPERIMENT").parts.items()}
 
 
 def find_experiment(name: str) -> Experiment:

@@ -1,7 +1,8 @@
 """Filters and smoothers by name: those that :mod:`poseppl.filters` and :mod:`poseppl.smoothers` export.
 
 A name is that of the exported builder without its last word: ``hmc_filter`` is the filter ``hmc``. Settings are those of its
-signature (:mod:`poseppl.runs.settings`); values may be words, as a command line has them.
+signature (:mod:`poseppl.runs.settings`); values may be words, as a command line has them. Names and settings are read without
+importing any algorithm (:mod:`poseppl.declarations`).
 
 >>> FILTERS["hmc"].complete({"num_chains": "50"})["num_chains"]
 50
@@ -12,21 +13,20 @@ poseppl.errors.SettingError: num_chain=50: no setting of the filter hmc (expecte
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
-from functools import cache
-from types import ModuleType
-from typing import Any, NamedTuple
+from functools import cache, partial
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpyro
-import numpyro.distributions as dist
-
-import poseppl.filters
-import poseppl.smoothers
 from poseppl.checks import RangeError
+from poseppl.declarations import declared, names_declared
 from poseppl.errors import InputError, SettingError, brief
-from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.settings import Setting, arguments_of, settings_of, summary_of
+
+if TYPE_CHECKING:
+    from poseppl.program import CompiledModel
 
 
 class Algorithm(NamedTuple):
@@ -92,30 +92,48 @@ class Algorithm(NamedTuple):
 class Algorithms(Mapping[str, Algorithm]):
     """The algorithms that a package exports."""
 
-    def __init__(self, kind: str, package: ModuleType) -> None:
+    def __init__(self, kind: str, package: str) -> None:
         self.kind, self._package = kind, package
 
     def __iter__(self) -> Iterator[str]:
-        end = f"_{self.kind}"
-        return (name.removesuffix(end).replace("_", "-") for name in sorted(vars(self._package)) if name.endswith(end))
+        end, loaded = f"_{self.kind}", sys.modules.get(self._package)
+        exported = names_declared(self._package) if loaded is None else vars(loaded)
+        return (name.removesuffix(end).replace("_", "-") for name in sorted(exported) if name.endswith(end))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
     def __getitem__(self, name: str) -> Algorithm:
+        return self._algorithm(name, partial(getattr, import_module(self._package)))
+
+    def described(self, name: str) -> Algorithm:
+        """An algorithm whose summary and settings are known, but which cannot be built: nothing is imported for it.
+
+        Raises:
+            InputError: There is none of this name.
+        """
+        if self._package in sys.modules:
+            return self[name]
+        return self._algorithm(name, partial(declared, self._package))
+
+    def _algorithm(self, name: str, builder: Callable[[str], Any]) -> Algorithm:
         if name not in list(iter(self)):
             likely = ", ".join(get_close_matches(name, list(self)) or self)
             raise InputError(f"{brief(name)} is no {self.kind}", expected=likely)
-        return Algorithm(self.kind, name, getattr(self._package, f"{name.replace('-', '_')}_{self.kind}"))
+        return Algorithm(self.kind, name, builder(f"{name.replace('-', '_')}_{self.kind}"))
 
 
-FILTERS = Algorithms("filter", poseppl.filters)
-SMOOTHERS = Algorithms("smoother", poseppl.smoothers)
+FILTERS = Algorithms("filter", "poseppl.filters")
+SMOOTHERS = Algorithms("smoother", "poseppl.smoothers")
 
 
 @cache
 def _smallest_model() -> CompiledModel:
     """One Gaussian coordinate, seen with Gaussian noise."""
+    import numpyro
+    import numpyro.distributions as dist
+
+    from poseppl.program import StateSpaceModel
 
     def state(params: Any, *before: Any) -> None:
         numpyro.sample("x", dist.Normal(0.0, 1.0))

@@ -11,7 +11,7 @@ from poseppl_models.choo_fleet import full_body
 
 from poseppl.cli import main
 from poseppl.cli.export import FORMATS
-from poseppl.motion.io.exchange_formats import ENDS
+from poseppl.files.exchange_formats import ENDS
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import save_result
 

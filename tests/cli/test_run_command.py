@@ -125,7 +125,7 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
     [
         (["model.py:absent", "--data", "data.csv"], "model.py has no 'absent' (expected model)"),
         (["model.py:number", "--data", "data.csv"], "model.py:number is a int"),
-        (["nowhere.py", "--data", "data.csv"], "cannot import 'nowhere.py': no such file"),
+        (["nowhere.py", "--data", "data.csv"], "nowhere.py: no such file"),
         (["model.py", "--data", "data.csv", "--inputs", "pull"], "no column 'pull'"),
         (["model.py", "--data", "data.csv", "--inputs", "push", "--frames", "20:30"], "--frames: there is no such row"),
         (["model.py", "--data", "bad.csv", "--inputs", "push", "--param", "noise=1"], "bad.csv, line 3, push: 'x'"),
@@ -159,6 +159,7 @@ def test_what_does_not_fit_is_said(folder, capsys, words, message):
     (folder / "few.csv").write_text("push,z\n1,2\n2,3\n")
     (folder / "semi.csv").write_text("push;y\n1;2\n")
     (folder / "twice.csv").write_text("frame,push,y[0],y[1]\n0,1,2,3\n1,1,2,3\n1,1,2,3\n")
+    (folder / "data.txt").write_text("push y\n")
     (folder / "code.toml").write_text('model = "other.py"\n')
     (folder / "wrong.toml").write_text('filtre = "kalman"\n')
     assert main(["run", *words]) == 1

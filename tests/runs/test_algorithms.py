@@ -11,13 +11,14 @@ import pytest
 import poseppl.filters
 import poseppl.smoothers
 from poseppl.cli import main
+from poseppl.declarations import declared
 from poseppl.errors import InputError, SettingError
 from poseppl.filters import Filter, particle_filter
 from poseppl.kernels import HMCSettings
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS, Algorithm
-from poseppl.runs.settings import arguments_of, settings_of
+from poseppl.runs.settings import arguments_of, settings_of, summary_of
 
 ALGORITHMS: list[Algorithm] = [*FILTERS.values(), *SMOOTHERS.values()]
 every_algorithm = pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda algorithm: f"{algorithm.kind}-{algorithm.name}")
@@ -33,6 +34,15 @@ def test_the_exports_are_the_algorithms():
         FILTERS["kalmann"]
     with pytest.raises(InputError, match="no smoother.*backward-simulation, ensemble-kalman, fixed-lag"):
         SMOOTHERS["xyz"]
+
+
+@every_algorithm
+def test_settings_are_declared_as_they_are(algorithm: Algorithm):
+    """Read from the source without importing it, or from the builder."""
+    kind, builder = algorithm.kind, algorithm.builder
+    seen = settings_of(declared(f"poseppl.{kind}s", builder.__name__))
+    assert list(seen.items()) == list(settings_of(builder).items())
+    assert summary_of(declared(builder.__module__, builder.__name__)) == summary_of(builder)
 
 
 @every_algorithm

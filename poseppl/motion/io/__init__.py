@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from poseppl.files.frame_range import FrameRange as FrameRange
 from poseppl.motion.io.c3d_writing import write_c3d as write_c3d
 from poseppl.motion.io.cameras import (
     Calibration as Calibration,
@@ -11,7 +12,6 @@ from poseppl.motion.io.cameras import (
     write_cameras as write_cameras,
 )
 from poseppl.motion.io.detections import DetectedPeople as DetectedPeople
-from poseppl.motion.io.frame_range import FrameRange as FrameRange
 from poseppl.motion.io.keypoints import read_keypoints as read_keypoints
 from poseppl.motion.io.marker_positions import read_places as read_places, write_places as write_places
 from poseppl.motion.io.masks import open_masks as open_masks, read_masks as read_masks

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError, brief
-from poseppl.motion.io.frame_range import FrameRange
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.io.text_parsing import some
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.io import Motion, read_motion, slice_frames
-from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.resampling import RATE_TOLERANCE, whole_step
 
 _LEAST_RATE = 5.0

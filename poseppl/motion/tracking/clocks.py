@@ -15,8 +15,8 @@ import numpy as np
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.io import DetectedPeople
-from poseppl.motion.io.frame_range import FrameRange
 
 EXACT = 1e-3
 """Nearer to a frame than this, it is that frame."""

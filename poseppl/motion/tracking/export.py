@@ -25,9 +25,9 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import write_rows
+from poseppl.files.exchange_formats import files_of
 from poseppl.motion.bodies.opensim import Coordinate
 from poseppl.motion.io.c3d_writing import write_c3d
-from poseppl.motion.io.exchange_formats import files_of
 from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion, y_up
 from poseppl.motion.io.rerun_writing import write_rerun

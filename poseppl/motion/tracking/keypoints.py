@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_z_up
-from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE

@@ -28,8 +28,6 @@ from poseppl.runs.run import Constant, frame_inputs
 PROGRAMS = "poseppl_models.learned_motion:seen_activity"
 STEPS = 2.0
 """Steps of a random walk, in units of the root mean square of recorded ones (ours): who is tracked may move faster."""
-DEFAULT_FILTER = "switching"
-"""Filter of a problem with a learned prior, unless another is asked for."""
 SILHOUETTE_NOISE = 200.0
 """Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by how often intervals
 hold of the walks of benchmarks/learned_prior.py in one camera."""

@@ -14,9 +14,9 @@ import xarray as xr
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.geometry import project
 from poseppl.motion.io import CameraRecord, DetectedPeople
-from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.io.frame_range import FrameRange
+from poseppl.files.frame_range import FrameRange
 from poseppl.motion.io.motion import Motion, slice_frames, z_up
 from poseppl.motion.io.recording import read_motion
 

@@ -1,0 +1,165 @@
+"""Checks of a command's words before anything heavy is imported: files that it reads, names and numbers.
+
+Options have these types, so that each is checked where it is declared. Numbers, names and ranges are checked as the command is
+parsed, files by :func:`check_inputs`, after the command has checked which options go together.
+"""
+
+from __future__ import annotations
+
+import glob
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.errors import InputError, Location, brief
+from poseppl.files.bounded_reading import check_file
+from poseppl.files.frame_range import FrameRange
+
+Check = Callable[[Any, str], object]
+"""Refuses a value of the option whose name is the second argument, by an :class:`~poseppl.errors.InputError`."""
+
+
+class Checked(click.ParamType):  # type: ignore[type-arg]
+    """A value that is checked as it is parsed.
+
+    Args:
+        check: The check.
+        kind: What it is read as.
+    """
+
+    name = "value"
+
+    def __init__(self, check: Check, kind: Any = click.STRING) -> None:
+        self._check, self._kind = check, kind
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read and check it, as click does."""
+        read = self._kind.convert(value, param, ctx)
+        self._check(read, "" if param is None else option_name(param))
+        return read
+
+
+def number(expected: str, accepts: Callable[[float], bool], kind: Any = click.FLOAT) -> Checked:
+    """A number, of which only some are accepted; NaN is in no range."""
+
+    def check(value: float, option: str) -> None:
+        if not accepts(value):
+            raise InputError(f"{value:g}", field=option, expected=expected)
+
+    return Checked(check, kind)
+
+
+def known_name(names: Callable[[], Iterable[str]]) -> Checked:
+    """One of some names, which are asked for when there is a name to check."""
+
+    def check(value: str, option: str) -> None:
+        if value not in (known := list(names())):
+            raise InputError(brief(value), field=option, expected=", ".join(known))
+
+    return Checked(check)
+
+
+def _check_builder(name: str, option: str) -> None:
+    """Refuse what names no builder, or one of a file or a package that is not there; none of the user's code is run."""
+    known = {entry.name: entry.value for entry in entry_points(group="poseppl.models")} if ":" not in name else {}
+    place, colon, _ = known.get(name, name).rpartition(":")
+    if not colon:
+        raise InputError(f"{brief(name)} names no builder", field=option, expected="package.module:builder or file.py:builder")
+    check_code(place, option)
+
+
+def check_code(place: str, option: str) -> None:
+    """Refuse Python code, ``file.py`` or ``package.module``, whose file or package is not there.
+
+    Raises:
+        InputError: It is not there.
+    """
+    if place.endswith(".py"):
+        check_file(place, max_bytes=sys.maxsize)
+    elif importlib.util.find_spec(place.partition(".")[0] or "?") is None:
+        raise InputError(
+            f"no package {brief(place.partition('.')[0])}", field=option, expected="an installed package, or FILE.py"
+        )
+
+
+BUILDER = Checked(_check_builder)
+FRAMES = Checked(lambda text, option: FrameRange.parse(text))
+RATE = number("a positive number of frames a second", lambda rate: 0 < rate < 1e6)
+
+
+class InputFile(click.Path):
+    """A file that a command reads.
+
+    Args:
+        folders: Whether it may be a folder, or a pattern of files.
+        paths: The paths in a word of the command line, such as ``NAME=FILE``.
+    """
+
+    def __init__(self, *, folders: bool = False, paths: Callable[[str], Iterable[str]] = lambda word: [word]) -> None:
+        super().__init__()
+        self._folders, self._paths = folders, paths
+
+    def check(self, word: str, option: str) -> None:
+        """Refuse a word whose files are not there, are empty, or cannot be read.
+
+        Raises:
+            InputError: One of them is such.
+        """
+        for path in self._paths(word):
+            if self._folders and (os.path.isdir(path) or (glob.has_magic(path) and not os.path.exists(path))):
+                continue
+            check_file(path, max_bytes=sys.maxsize)
+            if not os.access(path, os.R_OK):
+                raise Location(path, field=option).error("cannot be read: Permission denied", "read permission")
+
+
+def file_of_pair(word: str) -> list[str]:
+    """The file of ``NAME=FILE``, or of ``FILE``."""
+    name, equals, path = word.partition("=")
+    return [path if equals else name]
+
+
+def files_of_recording(word: str) -> list[str]:
+    """The files of ``FILE[,SKELETON]``."""
+    return [part for part in word.split(",") if part]
+
+
+def option_name(parameter: click.Parameter) -> str:
+    """An option as the user writes it, an argument as help does."""
+    return max(parameter.opts, key=len) if isinstance(parameter, click.Option) else str(parameter.name).upper()
+
+
+def check_inputs() -> None:
+    """Refuse input files of the command that is running which are not there or cannot be read.
+
+    Raises:
+        InputError: One of them is such.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        kind, given = parameter.type, context.params.get(parameter.name or "")
+        if isinstance(kind, InputFile) and given is not None:
+            for word in given if isinstance(given, tuple) else [given]:
+                kind.check(word, option_name(parameter))
+
+
+def check_recording(path: str | None, skeleton: str | None) -> None:
+    """Refuse a recording whose suffix is that of no format, or which needs a skeleton.
+
+    Raises:
+        InputError: It is such.
+    """
+    from poseppl.declarations import declared
+
+    suffixes = declared("poseppl.motion.io.recording", "SUFFIXES")
+    suffix = suffixes[0] if path is None else Path(path).suffix.lower()
+    if suffix not in suffixes:
+        raise Location(path).error(f"unknown format {suffix!r}", " or ".join(suffixes))
+    if path is not None and suffix == ".amc" and skeleton is None:
+        raise Location(path).error("an .amc file needs its skeleton", "--skeleton FILE.asf, or FILE.amc,FILE.asf")

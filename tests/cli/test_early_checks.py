@@ -1,0 +1,156 @@
+"""Words of the command line are checked before anything heavy is imported."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from waiting import PATIENCE
+
+from poseppl.cli import cli, main
+from poseppl.cli.checks import InputFile
+from poseppl.cli.track_keypoints import LAYOUTS
+from poseppl.motion.io import keypoint_layouts
+
+pytestmark = pytest.mark.usefixtures("here")
+
+KEYPOINTS = "track --keypoints a=k.json --calibration c.toml"
+MODEL = "run m.py --data d.csv"
+REFUSED = {
+    "track no.c3d": "no.c3d: no such file",
+    "track empty.bvh": "empty.bvh: the file is empty",
+    "track a.bvh --skeleton no.asf": "no.asf: no such file",
+    "track a.bvh -o absent/x.nc": "absent: the output folder does not exist",
+    "track a.bvh -o a.txt": "a.txt, --output: not a name",
+    "track --checkpoint a.bvh/run": "--checkpoint: not a folder",
+    "track --filter kalmann": "'kalmann' is no filter (expected kalman)",
+    "track --set num_chains=5": "--set num_chains=5: no setting of the filter kalman",
+    "track --prior r.nc --set num_chains=5": "--set num_chains=5: no setting of the filter switching",
+    f"{KEYPOINTS} --set window=5": "--set window=5: no setting of the filter assumed-density",
+    "track --filter hmc --set target_acceptance=much": "--set target_acceptance=much: expected a number, or none",
+    "track --filter particle --set resampling=x": "--set resampling=x: expected one of systematic, stratified",
+    "track --smooth no": "'no' is no smoother",
+    "track --model no.py:body": "no.py: no such file",
+    "track --model nopackage.x:body": "--model: no package 'nopackage'",
+    "track --frames x": "--frames: 'x'",
+    "track --rate nan": "--rate: nan",
+    "track --noise 0": "--noise: 0",
+    "track --camera no.toml": "no.toml: no such file",
+    "track w.amc": "w.amc: an .amc file needs its skeleton",
+    "track k.json": "k.json: unknown format '.json'",
+    "track --keypoints a=no.json --calibration c.toml": "no.json: no such file",
+    f"{KEYPOINTS} --detector x": "--detector: 'x'",
+    f"{KEYPOINTS} --layout x": "--layout: 'x'",
+    f"{KEYPOINTS} --unit x": "--unit: 'x'",
+    f"{KEYPOINTS} --offset a=b": "--offset: 'b'",
+    f"{KEYPOINTS} --camera-rate a=5": "--camera-rate: it needs --rate",
+    f"{KEYPOINTS} --image-size a=5": "--image-size: a='5'",
+    f"{KEYPOINTS} --detector-errors no.json": "no.json: no such file",
+    "track --video no.mp4 --calibration c.toml": "no.mp4: no such file",
+    "track --video a.bvh": "--calibration: no calibration",
+    "run m.py --data no.csv": "no.csv: no such file",
+    "run no.py --data d.csv": "no.py: no such file",
+    f"{MODEL} --settings no.toml": "no.toml: no such file",
+    f"{MODEL} --set x=1": "--set x=1: no setting of the filter particle",
+    f"{MODEL} --smooth x": "'x' is no smoother",
+    "batch no --model m.py": "no: no such folder",
+    "batch folder --model no.py": "no.py: no such file",
+    "smooth no.nc": "no.nc: no such file",
+    "smooth r.nc --method viterbi --set a=1": "--set a=1: no setting of the smoother viterbi (expected tile)",
+    "report no.nc": "no.nc: no such file",
+    "export r.nc --output no": "no, --output: not a folder",
+    "overlay r.nc a=no.mp4": "no.mp4: no such file",
+    "compare r.nc b=no.nc": "no.nc: no such file",
+    "simulate no.bvh": "no.bvh: no such file",
+    "simulate --turn 10": "--turn: 10",
+    "fit-gait no.bvh": "no.bvh: no such file",
+    "fit-motion walk a.bvh,no.asf": "no.asf: no such file",
+    "calibrate-detector x --keypoints a=no.json --calibration c.toml": "no.json: no such file",
+    "reproduce choo-fleet-2001 --motion walk=no.amc": "no.amc: no such file",
+    "reproduce choo-fleet-2001 -o a.bvh": "--folder: not a folder",
+    "filters no": "'no' is no filter",
+}
+USAGE = {
+    "dance": "No such command 'dance'",
+    "track --num-chains 5": "--set num_chains=",
+    "reproduce choo-fleet-2001 no": "no part 'no'; its parts are single-frame",
+}
+EVERY_COMMAND = """
+import contextlib, io, json, sys
+from poseppl.cli import main
+heavy, told = {"jax", "numpy", "scipy", "xarray", "numpyro", "matplotlib", "arviz", "h5py"}, {}
+for line in json.loads(sys.argv[1]):
+    with contextlib.redirect_stderr(io.StringIO()) as message, contextlib.redirect_stdout(io.StringIO()):
+        status = main(line.split())
+    told[line] = status, message.getvalue(), sorted(heavy & set(sys.modules))
+print(json.dumps(told))
+"""
+
+
+@pytest.fixture
+def files(here: None) -> None:
+    for name in ("a.bvh", "w.amc", "k.json", "c.toml", "r.nc", "m.py", "d.csv"):
+        Path(name).write_text("x\n")
+    Path("empty.bvh").touch()
+    Path("folder").mkdir()
+
+
+def run(code: str, *arguments: str) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True, timeout=PATIENCE
+    ).stdout
+
+
+@pytest.mark.usefixtures("files")
+def test_nothing_heavy_is_loaded_before_words_are_refused() -> None:
+    right = ["--help", "track --help", "reproduce", "filters", "smoothers trajectory"]
+    told = json.loads(run(EVERY_COMMAND, json.dumps([*REFUSED, *USAGE, *right])))
+    for lines, expected in ((REFUSED, 1), (USAGE, 2), (dict.fromkeys(right, ""), 0)):
+        for line, words in lines.items():
+            status, message, loaded = told[line]
+            assert (status, loaded) == (expected, []) and words in message, (line, status, message, loaded)
+
+
+def test_a_missing_file_is_told_at_once() -> None:
+    """Processor time, of which another process takes none; importing JAX and ArviZ takes 3 seconds."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-m", "poseppl.cli", "track", "no.c3d"], check=False, capture_output=True, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert "no.c3d: no such file" in done.stderr and done.returncode == 1
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.7
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads every file")
+def test_a_file_that_must_not_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("a.nc").write_text("x")
+    Path("a.nc").chmod(0)
+    assert main(["report", "a.nc"]) == 1
+    assert "a.nc, RESULT: cannot be read: Permission denied" in capsys.readouterr().err
+
+
+def test_every_file_that_is_read_is_checked() -> None:
+    """Other paths are those of outputs, and the folder of batch, which looks for tables in it."""
+    others = {
+        f"{command.name} {parameter.name}"
+        for command in cli.commands.values()
+        for parameter in command.params
+        if isinstance(parameter.type, click.Path) and not isinstance(parameter.type, InputFile)
+    }
+    assert others == {
+        "batch folder",
+        "export output",
+        "fit-motion plot",
+        "overlay output",
+        "reproduce folder",
+        "track checkpoint",
+    }
+
+
+def test_the_layouts_are_those_of_the_reader() -> None:
+    assert tuple(keypoint_layouts.LAYOUTS) == LAYOUTS
