@@ -83,6 +83,8 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     check_inputs()
     check_new_folder(folder, "--folder")
     recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
+    if not options["quiet"]:
+        click.echo(f"poseppl: {paper}: {', '.join(parts or known)}; results go to {folder}", err=True)
 
     from poseppl.experiments.jobs import Processes
     from poseppl.experiments.reproduction import reproduce

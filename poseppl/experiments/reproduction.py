@@ -7,14 +7,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from poseppl.errors import FilePath
-from poseppl.experiments.experiment import Experiment, Part, Tables
+from poseppl.errors import FilePath, InputError
+from poseppl.experiments.experiment import Experiment, Part, Tables, Task
 from poseppl.experiments.jobs import Executor, JobProgress, run_jobs
+from poseppl.experiments.jobs.progress import Silent
 from poseppl.experiments.jobs.versions import versions
 from poseppl.experiments.page import write_page
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.recordings import BUILT_IN, Recording
 from poseppl.experiments.tables import Table, write_netcdf
+from poseppl.experiments.total_progress import TotalProgress
 from poseppl.report.picture import save_picture
 
 
@@ -33,7 +35,7 @@ def reproduce(
     Args:
         experiment: The experiment.
         folder: Where jobs (``jobs/``), tables (CSV, ``tables.nc``), figures (PNG) and the page (``page.md``) go.
-        parts: Names of the parts; all if empty.
+        parts: Names of the parts; if empty, all, or those that the built-in walk is enough for where nothing else is seen.
         recordings: Who is seen; parts that see one take the first.
         scale: How much is computed; the experiment's ``full`` if None.
         executor: As :func:`poseppl.experiments.jobs.run_jobs` takes it.
@@ -43,18 +45,20 @@ def reproduce(
         The tables of these parts by name.
 
     Raises:
-        InputError: A recording or the folder cannot be used.
+        InputError: A recording or the folder cannot be used, or the recordings are not enough for a part; before the first job.
         JobError: Jobs failed; the results of the others are kept.
     """
-    target, size = Path(folder), experiment.full if scale is None else scale
+    target, size, progress = Path(folder), experiment.full if scale is None else scale, progress or Silent()
     tables: dict[str, Table] = {}
-    for name in parts or experiment.parts:
+    plans = _plans(experiment, parts, size, recordings, progress)
+    total = TotalProgress(progress, [task for tasks in plans.values() for task in tasks.values()], target / "jobs")
+    for name, tasks in plans.items():
         part = experiment.parts[name]
-        tasks = part.plan(size, recordings)
         jobs = {key: task.jobs for key, task in tasks.items()}
         results: dict[str, Mapping[str, Any]] = {}
         for task in tasks.values():
-            results |= run_jobs(task.function, task.jobs, target / "jobs", executor=executor, progress=progress)
+            own = total.of_task(task)
+            results |= run_jobs(task.function, task.jobs, target / "jobs", executor=executor, progress=own)
         made = {table.name: table for table in part.tabulate(jobs, results)}
         tables |= made
         how = _provenance(experiment, name, size, recordings)
@@ -66,6 +70,30 @@ def reproduce(
         write_netcdf([each.table for each in read_folder(target).values()], target / "tables.nc")
         write_page(experiment, target)
     return tables
+
+
+def _plans(
+    experiment: Experiment, parts: Sequence[str], scale: Any, recordings: Sequence[Recording], progress: JobProgress
+) -> dict[str, Mapping[str, Task]]:
+    """The tasks of the parts, all before the first job is run.
+
+    Raises:
+        InputError: The recordings are not enough for a part.
+    """
+    plans: dict[str, Mapping[str, Task]] = {}
+    obstacles: dict[str, InputError] = {}
+    for name in parts or experiment.parts:
+        try:
+            plans[name] = experiment.parts[name].plan(scale, recordings)
+        except InputError as error:
+            obstacles[name] = error
+    if obstacles and (parts or not plans or list(recordings) != [BUILT_IN]):
+        name, reason = next(iter(obstacles.items()))
+        others = f"; without it: poseppl reproduce {experiment.name} {' '.join(plans)}" if plans else ""
+        raise InputError(f"the part {name} cannot be run: {reason}{others}") from reason
+    for name, reason in obstacles.items():
+        progress.note(f"the part {name} is left out: {reason}")
+    return plans
 
 
 def _provenance(experiment: Experiment, part: str, scale: Any, recordings: Sequence[Recording]) -> Provenance:

@@ -84,6 +84,20 @@ class Store:
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.npz"
 
+    def holds(self, name: str, record: Record) -> bool:
+        """Whether there are arrays of a name with such a record; only the record is read, and nothing told.
+
+        Args:
+            name: Their name.
+            record: What they must have been made with.
+        """
+        try:
+            with self._path(name).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                held = json.loads(file[_RECORD].tobytes())
+            return all(held[field] == value for field, value in record.items())
+        except Exception:  # there is none, or damaged bytes, which raise anything at all
+            return False
+
     def load(
         self,
         name: str,

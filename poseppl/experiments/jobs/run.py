@@ -1,7 +1,8 @@
 """Run jobs: read what is there, compute the rest, write each result as it comes.
 
 A job's arrays are in ``KEY.npz`` with a record of what the job was, which function computed it, and with which versions of the
-libraries. Results of other versions are computed anew; those of another job or function are left alone and refused.
+libraries and which source of poseppl. Results of other versions are computed anew; those of another job or function are left
+alone and refused.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from poseppl.files.store import Arrays, Store
 
 _FORMAT = 2
 _SHOWN = 5
-"""Failed jobs that a message names."""
+"""Failed jobs that a message names, and files that cannot be used."""
 
 
 class JobError(PosepplError):
@@ -73,10 +74,14 @@ def run_jobs(
     progress = progress or Silent()
     _check_function(function)
     wanted = _by_key(jobs)
-    store = Store(folder, "results", progress.note)
+    told: list[str] = []
+    store = Store(folder, "results", told.append)
     records = {key: _record(function, job) for key, job in wanted.items()}
     loaded = {key: store.load(key, record, owners=("job", "function")) for key, record in records.items()}
     results = {key: arrays for key, arrays in loaded.items() if arrays is not None}
+    more = [f"and {len(told) - _SHOWN} more files in {folder}"] if len(told) > _SHOWN else []
+    for message in [*told[:_SHOWN], *more]:
+        progress.note(message)
     costliest = sorted(wanted.items(), key=lambda item: -item[1].cost)
     missing = {key: job for key, job in costliest if key not in results}
     progress.started(len(wanted), len(results), sum(job.cost for job in missing.values()))
@@ -93,6 +98,18 @@ def run_jobs(
     if failed:
         raise JobError(failed, len(wanted))
     return {key: results[key] for key in wanted}
+
+
+def waiting(function: Function, jobs: Iterable[Job], folder: FilePath) -> list[Job]:
+    """Those of some jobs that :func:`run_jobs` would compute: the folder holds no results of them.
+
+    Args:
+        function: As it is for :func:`run_jobs`.
+        jobs: The jobs.
+        folder: Where results are.
+    """
+    store = Store(folder, "results", lambda message: None)
+    return [job for job in jobs if not store.holds(job.key, _record(function, job))]
 
 
 def find_executor(executor: Executor | str | None) -> Executor:
