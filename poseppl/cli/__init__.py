@@ -5,10 +5,13 @@ Nothing heavy is imported before a command runs, so that help is quick.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
+from collections import Counter
 from collections.abc import Sequence
 from io import StringIO, TextIOWrapper
+from pathlib import Path
 
 import click
 
@@ -30,7 +33,13 @@ from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
 from poseppl.errors import MAX_SHOWN, PosepplError, SettingError, cut
+from poseppl.files.atomic_writing import files_written
 from poseppl.files.cache_folder import ensure_home
+
+_FATAL = "3"
+"""Level of XLA's log on stderr. What fails is an exception, too; other errors there only tell of long compilations."""
+_NAMED = 5
+"""Files of a folder that a message names."""
 
 EPILOG = """\b
 Exit status:
@@ -66,6 +75,7 @@ def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with calibrated intervals."""
     if "jax" not in sys.modules:
         small_loops.as_functions()
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", _FATAL)
 
 
 for command in (
@@ -99,12 +109,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in given
+    debug, written = "--debug" in given, list[Path]()
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     ensure_home()
     try:
-        with signals_interrupt():
+        with signals_interrupt(), files_written() as written:
             status = cli.main(given, prog_name="poseppl", standalone_mode=False)
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
@@ -112,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(cut(shown.getvalue()).rstrip("\n"), file=sys.stderr, flush=True)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as error:
-        _say("interrupted; every file that was written is whole", debug)
+        _say(f"interrupted; {_told(written)}", debug)
         end_by_signal(number := signal_of(error))
         return 128 + number
     except SettingError as error:
@@ -135,6 +145,14 @@ def _say(message: str, debug: bool) -> None:
     if debug:
         traceback.print_exc()
     print(f"poseppl: {cut(message, MAX_SHOWN)}", file=sys.stderr, flush=True)
+
+
+def _told(written: Sequence[Path]) -> str:
+    """Which files a command has written, those of a folder by their number if there are many."""
+    folders = Counter(path.parent for path in written)
+    names = [str(path) for path in written if folders[path.parent] <= _NAMED]
+    names += [f"{number} files in {folder}" for folder, number in folders.items() if number > _NAMED]
+    return f"written, each whole: {', '.join(names)}" if names else "no file was written"
 
 
 def _first_line(error: Exception) -> str:

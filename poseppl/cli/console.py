@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
+from threading import Event, Lock, Thread
 from typing import Any
 
 from rich.console import Console
@@ -26,7 +27,7 @@ from poseppl.files.cache_folder import cache_folder
 from poseppl.threads import spare_threads
 
 _STYLES = {"error": "red", "warning": "yellow"}
-_SECONDS_BETWEEN_LINES = 30.0
+_SECONDS_BETWEEN_LINES, _SECONDS_BETWEEN_LOOKS = 30.0, 1.0
 
 
 def start_jax(devices: int = 1) -> None:
@@ -57,8 +58,9 @@ def start_jax(devices: int = 1) -> None:
 class ConsoleProgress:
     """A bar on stderr, or a line every half minute where that is no terminal; neither when asked to be quiet. Notes always.
 
-    The time left is that so far times the work that is left over the work that was done: of frames, those of the last half
-    minute, each as long as any other; of jobs, all of this call, with the costs that they tell.
+    Lines come whatever is being done, also where nothing counts it, such as compilation and smoothing. The time left is that so
+    far times the work that is left over the work that was done: of frames, those of the last half minute, each as long as any
+    other; of jobs, all of this call, with the costs that they tell.
 
     Args:
         quiet: Whether to show no bar.
@@ -85,12 +87,26 @@ class ConsoleProgress:
         self._done, self._total = 0, "?"
         self._lines = not quiet and not self.console.is_terminal
         self._told = self._bar.get_time()
+        self._lock = Lock()
 
     @contextmanager
     def running(self) -> Iterator[ConsoleProgress]:
         """Show the bar inside of a block."""
+        over = Event()
+        clock = Thread(target=self._keep_telling, args=(over,), daemon=True)
         with self._bar:
-            yield self
+            if self._lines:
+                clock.start()
+            try:
+                yield self
+            finally:
+                over.set()
+                if self._lines:
+                    clock.join()
+
+    def _keep_telling(self, over: Event) -> None:
+        while not over.wait(_SECONDS_BETWEEN_LOOKS):
+            self._tell()
 
     def stage(self, description: str, total: int | None = None) -> None:
         """Say what is being done now."""
@@ -114,6 +130,8 @@ class ConsoleProgress:
         if self._task is None:
             self._task = self._bar.add_task(description, total=work, count=self._count())
         else:
+            (task,) = self._bar.tasks
+            task.total = work  # an update without a total would leave that of the stage before
             self._bar.update(self._task, description=description, total=work, completed=0, count=self._count())
 
     def _step(self, number: int, work: float) -> None:
@@ -124,13 +142,15 @@ class ConsoleProgress:
 
     def _tell(self) -> None:
         """Write a line where there is no bar, and the last one is half a minute old."""
-        now = self._bar.get_time()
-        if not self._lines or now - self._told < _SECONDS_BETWEEN_LINES:
-            return
-        self._told = now
+        with self._lock:
+            now = self._bar.get_time()
+            if not self._lines or not self._bar.tasks or now - self._told < _SECONDS_BETWEEN_LINES:
+                return
+            self._told = now
         (task,) = self._bar.tasks
+        count = "" if task.total is None else f", {self._count()}"
         left = "" if task.time_remaining is None else f", {timedelta(seconds=round(task.time_remaining))} left"
-        self.note(f"{self._doing}, {self._count()}, {timedelta(seconds=round(task.elapsed or 0))}{left}")
+        self.note(f"{task.description}{count}, {timedelta(seconds=round(task.elapsed or 0))}{left}")
 
     def _count(self) -> str:
         return f"{self._done}/{self._total} {self._unit}"

@@ -29,7 +29,8 @@ Examples:
 \b
 Files written to the folder: page.md, which says of each published claim whether it holds; tables
 as CSV and tables.nc; tables.json, how each was made; figures as PNG; jobs/, from which the same
-command goes on where it was stopped. Tables of parts that are not run stay, on the page too.
+command goes on where it was stopped, unless the code has changed since. Tables of parts that are
+not run stay, on the page too.
 Scenes that trackers see are rendered once, into the cache folder (~/.cache/poseppl/scenes).
 Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
 """

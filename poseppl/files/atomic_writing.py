@@ -17,6 +17,7 @@ import shutil
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from poseppl.errors import FilePath, Location, PosepplError
@@ -78,6 +79,29 @@ def _temporary(target: Path, path: FilePath) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True) if temporary.is_dir() else temporary.unlink(missing_ok=True)
 
 
+_written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
+
+
+@contextmanager
+def files_written() -> Iterator[list[Path]]:
+    """Yield a list to which each file and folder is added that this module writes while the block runs.
+
+    It has them under the names that the writers gave, each once, in their order. Other threads are not listened to.
+    """
+    found: list[Path] = []
+    token = _written.set(found)
+    try:
+        yield found
+    finally:
+        _written.reset(token)
+
+
+def _note_written(path: FilePath) -> None:
+    listed = _written.get()
+    if listed is not None and Path(path) not in listed:
+        listed.append(Path(path))
+
+
 @contextmanager
 def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[Path]:
     """Yield a temporary name in the folder of a file; on success it becomes the file, on failure it is removed.
@@ -100,6 +124,7 @@ def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[
             raise PosepplError(f"{path}: nothing was written")
         _flush(temporary)
         os.replace(temporary, target)
+    _note_written(path)
 
 
 def write_atomically(path: FilePath, content: str | bytes) -> None:
@@ -180,6 +205,7 @@ def atomic_folder(path: FilePath) -> Iterator[Path]:
             for file in temporary.rglob("*"):
                 _flush(file)
             os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
+    _note_written(path)
 
 
 def _tell(error: OSError, path: FilePath) -> None:

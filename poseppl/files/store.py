@@ -92,8 +92,8 @@ class Store:
             record: What they must have been made with.
         """
         try:
-            with self._path(name).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                held = json.loads(file[_RECORD].tobytes())
+            with zipfile.ZipFile(self._path(name)) as archive:
+                held = _record_of(archive)
             return all(held[field] == value for field, value in record.items())
         except Exception:  # there is none, or damaged bytes, which raise anything at all
             return False
@@ -127,7 +127,7 @@ class Store:
             return None
         try:
             with zipfile.ZipFile(path) as archive:
-                held = json.loads(read_part(archive, f"{_RECORD}{SUFFIX}", MAX_RECORD_BYTES).tobytes())
+                held = _record_of(archive)
                 differing = {field: held[field] for field in record if held[field] != record[field]}
                 restored = None if differing else restore(self._arrays(archive))
         except Exception as error:  # damaged bytes raise anything at all
@@ -164,3 +164,7 @@ class Store:
             for each, array in {**arrays, _RECORD: text}.items():
                 with file.open(f"{each}{SUFFIX}", "w", force_zip64=True) as stream:
                     np.lib.format.write_array(stream, np.asarray(array), allow_pickle=False)
+
+
+def _record_of(archive: zipfile.ZipFile) -> Any:
+    return json.loads(read_part(archive, f"{_RECORD}{SUFFIX}", MAX_RECORD_BYTES).tobytes())

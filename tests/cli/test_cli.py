@@ -156,7 +156,7 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         (["fit-motion", "walk", "absent.bvh"], ["absent.bvh", "no such file"]),
         (["fit-motion", "walk", "absent_01.amc"], ["absent_01.amc", "no such file"]),
         (["fit-motion", "walk", "absent.bvh", "--rate", "-1"], ["--rate"]),
-        (["fit-motion", "absent/walk", "absent.bvh"], ["absent", "does not exist"]),
+        (["fit-motion", "absent/walk", __file__], ["absent", "does not exist"]),
         (["reproduce", "choo-fleet-2001", "--motion", "walk.amc"], ["--motion", "NAME=FILE"]),
         (["reproduce", "choo-fleet-2001", "--motion", "walk=absent.amc"], ["absent.amc", "no such file"]),
     ],
