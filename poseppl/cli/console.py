@@ -148,8 +148,9 @@ class ConsoleProgress:
                 return
             self._told = now
         (task,) = self._bar.tasks
-        count = "" if task.total is None else f", {self._count()}"
-        left = "" if task.time_remaining is None else f", {timedelta(seconds=round(task.time_remaining))} left"
+        counted, remaining = task.total is not None, task.time_remaining
+        count = f", {self._count()}" if counted else ""
+        left = f", {timedelta(seconds=round(remaining))} left" if counted and remaining is not None else ""
         self.note(f"{task.description}{count}, {timedelta(seconds=round(task.elapsed or 0))}{left}")
 
     def _count(self) -> str:
