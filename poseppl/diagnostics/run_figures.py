@@ -72,6 +72,11 @@ def kind_of_run(tree: xr.DataTree) -> str:
     return FORMULA if count is not None and (count == 1).all() else WEIGHTED
 
 
+def is_sampled(tree: xr.DataTree) -> bool:
+    """Whether a result's means have Monte Carlo error, of which inefficiency factors and effective numbers tell."""
+    return kind_of_run(tree) != FORMULA
+
+
 def described(known: dict[str, Any]) -> dict[str, str]:
     """Method, setting and seed of a run, from its provenance: empty words where it does not tell."""
     method = str(known.get("smoother") or known.get("filter") or "")

@@ -71,6 +71,15 @@ def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
         yield Verdict(severity, f"Of the filter that was smoothed: {each.text}")
 
 
+def rank_test(tree: xr.DataTree) -> str:
+    """What the test of the one-step-ahead predictions says of the ranks of the data, also where it is no verdict on the states."""
+    checks = prediction_of(tree)
+    if checks is None or not np.isfinite(predictive_figures(checks.data).inflation.half_width):
+        return "too few frames."
+    found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
+    return found[0].text if found else "no significant difference from calibrated predictions."
+
+
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
     """The predictive checks of a result, as many as it has; None where it has none."""
     data = group_of(tree, "predictive")
