@@ -39,7 +39,7 @@ class LowConfidenceSpan(NamedTuple):
         last: Number of the last one.
         num_frames: How many there are.
         reason: In words.
-        spread: Largest posterior standard deviation among them, mm: of joints relative to the root, of `WHOLE` that of the root.
+        spread: Largest posterior standard deviation among them, mm; of joints relative to the root, of `WHOLE` the root's.
     """
 
     joints: tuple[str, ...]
@@ -106,7 +106,7 @@ def _spread(draws: Array, root: int | None) -> Array:
 def _of_images(errors: ImageErrors) -> list[_Reason]:
     """Reasons that image points give, the most severe first."""
     seen = np.isfinite(errors.distance)
-    count, ever = seen.sum(1), seen.any((0, 1))
+    count, ever = seen.sum(1), np.asarray(seen.any((0, 1)))
     found = [_split("seen by no camera", (count == 0) & ever, ever)]
     if len(errors.cameras) > 1:
         found.append(_split("seen by one camera only", (count == 1) & ever, ever))

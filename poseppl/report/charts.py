@@ -234,7 +234,7 @@ def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
                 traces.append(line(x, truth[at], "truth", TRUTH, FEW_POINTS, line_width=1.2))
             panels.append(Panel(traces, f"{label}, mm"))
             widths.append(line(x, (high[at] - low[at]) / 2, f"half-width, {label}", MODES[axis], FEW_POINTS, line_width=1.2))
-        made[name] = stack([*panels, Panel(widths, "half, mm", {"rangemode": "tozero"})], height=120)
+        made[name] = stack([*panels, Panel(widths, "half-width, mm", {"rangemode": "tozero"})], height=120)
     return made
 
 

@@ -16,7 +16,7 @@ from poseppl.report.page import DASH
 from poseppl.runs.contents import FLAT, group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
-MAX_ROWS, MAX_DOUBTS = 10, 15
+MAX_ROWS, MAX_DOUBTS, MAX_VALUES = 10, 15, 30
 Row = dict[str, Any]
 
 
@@ -37,7 +37,7 @@ def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
         rows["chains × draws kept"] = f"{sizes['chain']} × {sizes['draw']}"
     rows["degrees of freedom"] = sizes["dof"]
     if "rate" in tree.attrs:
-        rows["frames a second of the recording"] = f"{float(tree.attrs['rate']):g}"
+        rows["frame rate, frames per second"] = f"{float(tree.attrs['rate']):g}"
     return {name: [str(value)] for name, value in (rows | flatten(provenance(tree))).items()}
 
 
@@ -172,9 +172,18 @@ def flatten(value: Any, name: str = "") -> dict[str, str]:
         for key, inner in value.items():
             found |= flatten(inner, f"{name} · {key}".removeprefix(" · ").replace("_", " "))
         return found
-    if isinstance(value, float):
-        return {name: f"{value:.6g}"}
-    return {name: ", ".join(map(str, value)) if isinstance(value, list) else DASH if value is None else str(value)}
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return {name: f"{len(value)} × {max(map(len, value))} values"}
+    if isinstance(value, list):
+        more = f" and {len(value) - MAX_VALUES} more" if len(value) > MAX_VALUES else ""
+        return {name: (", ".join(map(_word, value[:MAX_VALUES])) or "none") + more}
+    return {name: _word(value)}
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return DASH if value is None else f"{value + 0.0:.6g}" if isinstance(value, float) else str(value)
 
 
 def _number(value: Any) -> float:

@@ -41,10 +41,10 @@ def test_page_and_table_are_written_and_results_left_alone(capsys: pytest.Captur
     for word in (
         "quick",
         "again",
-        "ESS a second",
+        "ESS / s",
         "comparison.html",
         "table.csv",
-        "quick has the most effective draws a second",
+        "quick has the highest ESS per second",
     ):
         assert word in printed
     assert Path("comparison.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")

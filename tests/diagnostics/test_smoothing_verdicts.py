@@ -101,7 +101,7 @@ def test_a_wrong_model_is_an_error_of_its_filter_and_of_its_smoother() -> None:
     """Data of noise that is three times as large as the model has it."""
     noise = np.sqrt(8 * 0.25) * np.random.default_rng(0).standard_normal((FRAMES, 1))
     tree = checked(run(data_of(0) + noise).smoothed)
-    assert any(text.startswith("Of the filter that was smoothed") for text in errors(tree))
+    assert any(text.startswith("Filter before smoothing") for text in errors(tree))
     del tree["predictive"]
     assert errors(tree)
 
@@ -111,10 +111,10 @@ def test_a_smoother_that_fits_is_not_to_blame_for_its_filter(runs: list[Smoothin
     tree = checked(runs[0].smoothed)
     predictive = tree["predictive"].to_dataset()
     tree["predictive"] = xr.DataTree(predictive.assign(innovation=3 * predictive["innovation"]))
-    found = [each.severity for each in verdicts(tree) if each.text.startswith("Of the filter that was smoothed")]
+    found = [each.severity for each in verdicts(tree) if each.text.startswith("Filter before smoothing")]
     assert found == ["warning"]
     del tree["posterior_checks"]
-    assert any(text.startswith("Of the filter that was smoothed") for text in errors(tree))
+    assert any(text.startswith("Filter before smoothing") for text in errors(tree))
 
 
 @pytest.mark.full

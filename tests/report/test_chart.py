@@ -47,7 +47,7 @@ def test_pictures_draw_the_charts_of_the_page() -> None:
     drawn = {trace["name"]: trace for trace in charts(diagnosed(tree))["error"]["data"]}
     axes = report.plot_error(tree).axes[0]
     lines = {str(shown.get_label()): shown.get_ydata() for shown in axes.get_lines()}
-    assert set(lines) | {"posterior expects (90 %)"} == set(drawn)
+    assert set(lines) | {"expected error, central 90 %"} == set(drawn)
     for name, values in lines.items():
         np.testing.assert_allclose(values, drawn[name]["y"])
     lower, upper, _ = fan(X, (X - 1.0, X, X + 1.0))

@@ -82,7 +82,7 @@ def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
     tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100))
     several = tree.copy()
     several.attrs = {name: value for name, value in tree.attrs.items() if name != "layout"}
-    wide = ("intervals are too wide", "intervals are wide", "Under-confident")
+    wide = ("intervals are too wide", "intervals are wide", "Underconfident")
     alone, others = (
         [word for word in wide if any(word in verdict.text for verdict in verdicts(each))] for each in (tree, several)
     )
