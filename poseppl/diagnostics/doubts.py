@@ -153,4 +153,4 @@ def doubts_in_a_row(tree: xr.DataTree, doubts: Doubts) -> list[LowConfidenceSpan
         )
         for (first, last, reason), joints in found.items()
     ]
-    return sorted(spans, key=lambda each: -each.num_frames * each.spread)
+    return sorted(spans, key=lambda each: -each.num_frames * max(each.spread, 1.0))

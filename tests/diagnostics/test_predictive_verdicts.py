@@ -150,7 +150,8 @@ def test_noise_three_times_too_large_is_a_warning(noise: float) -> None:
         data = walks(noise, seed)
         wrong = kalman(data, 9 * noise)
         (found,) = check_predictions(wrong)
-        assert found.severity == "warning" and found.text.startswith("Underconfident predictions: the coverage of 90 % intervals of the data")
+        assert found.severity == "warning"
+        assert found.text.startswith("Underconfident predictions: the coverage of 90 % intervals of the data")
         assert "The noise is too large" in found.text and found.text.endswith(
             "This is about the data, not about the states (coordinates, joints)."
         )

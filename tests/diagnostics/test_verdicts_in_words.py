@@ -112,9 +112,11 @@ def test_what_a_coverage_says(share: float, error: float, kind: str) -> None:
 
 def test_coverage_of_coordinates_and_joints() -> None:
     wrong = _texts(synthetic_result(num_frames=60, truth_scale=2.5))
-    assert "error: The coverage of 90 % intervals of coordinates is 46 %" in wrong and "error: The coverage of 90 % intervals of joints" in wrong
+    assert "error: The coverage of 90 % intervals of coordinates is 46 %" in wrong
+    assert "error: The coverage of 90 % intervals of joints" in wrong
     assert "--sigma-angle" in wrong
-    assert "warning: The coverage of 90 % intervals of coordinates is 8" in _texts(synthetic_result(num_frames=60, truth_scale=1.2))
+    narrow = _texts(synthetic_result(num_frames=60, truth_scale=1.2))
+    assert "warning: The coverage of 90 % intervals of coordinates is 8" in narrow
     assert "underconfident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
     somewhat = _texts(synthetic_result(num_frames=60, truth_scale=0.87))
     assert "info: The coverage of 90 % intervals of coordinates is 94 %" in somewhat and "underconfident" not in somewhat

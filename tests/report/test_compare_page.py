@@ -54,8 +54,8 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
 @pytest.mark.full
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
-    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
-    assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
+    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 7
+    assert _row(page, "wrong").count("–") == 2, "rejection and R-hat; no run has an evidence"
     tau = data_of(page, "charts-data")["heat"]["inefficiency factor τ"]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
     assert tau["data"][3]["name"] == "wrong (miscalibrated)"
