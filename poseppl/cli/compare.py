@@ -29,7 +29,7 @@ Both appear whole or not at all; results are never changed.
 Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
-COVERAGE = "90 % coverage, %"
+COVERAGE = "90 %\ncoverage,\n%"
 
 
 @click.command(epilog=EXAMPLES, short_help="Compare results on the same data.")
@@ -131,13 +131,13 @@ def _columns(comparison: Any) -> tuple[list[str], list[list[str]]]:
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
     frames = comparison.attrs["frames"]
     columns = {
-        "wall, s": frames * figures["seconds"],
-        "CPU, s": frames * figures["cpu_seconds"],
+        "wall,\ns": frames * figures["seconds"],
+        "CPU,\ns": frames * figures["cpu_seconds"],
         "τ": summary["tau_median_all"],
-        "mean τ": summary["tau_all"],
-        "ESS / s": summary["ess_per_second_all"],
-        "ESS / eval.": summary["ess_per_evaluation_all"],
-        "error, mm": summary["joint_error_all"],
+        "mean\nτ": summary["tau_all"],
+        "ESS\n/ s": summary["ess_per_second_all"],
+        "ESS\n/ eval.": summary["ess_per_evaluation_all"],
+        "error,\nmm": summary["joint_error_all"],
     }
     rows = [
         {"run": name, COVERAGE: covered(summary, index, 0.9)}

@@ -42,7 +42,7 @@ def test_page_and_table_are_written_and_results_left_alone(capsys: pytest.Captur
     for word in (
         "quick",
         "again",
-        "ESS / s",
+        "ESS",
         "comparison.html",
         "table.csv",
         "quick has the highest ESS per second",
