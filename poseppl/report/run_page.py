@@ -21,7 +21,7 @@ from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts, joint_charts, mode_chart, residual_chart
 from poseppl.report.page import page_html
 from poseppl.report.pose_data import doubts_shown, ghosts, pose_data
-from poseppl.report.site_charts import data_charts, site_charts
+from poseppl.report.site_charts import MAX_ENTRIES, data_charts, site_charts
 from poseppl.report.tables import (
     ambiguity_table,
     camera_table,
@@ -72,6 +72,8 @@ def report_html(tree: xr.DataTree) -> str:
         poses=poses,
         found=verdicts(whole),
         own=own,
+        most_entries=MAX_ENTRIES,
+        num_frames=whole["posterior"].sizes["frame"],
         predicted="posterior_predictive" in whole.children,
         known="truth" in whole.children,
         weighted=is_weighted(whole),

@@ -59,7 +59,7 @@ def test_the_title_of_a_picture_stays_on_it() -> None:
 
 def closed_form() -> xr.DataTree:
     """A Kalman filter's result, which has draws, but no error of draws."""
-    tree = synthetic_result(num_frames=12, weighted=True)
+    tree = synthetic_result(num_frames=12, weighted=True, sample_stats={"ess": np.linspace(500, 1000, 12)})
     tree.attrs["closed form"] = "true"
     return diagnose(tree)
 

@@ -234,7 +234,7 @@ def check_unreached(
             ERROR,
             f"In coordinates that the data hardly reach ({', '.join(names[i] for i in which[:MAX_NAMED])}{more}), errors have "
             f"{found:.2g} ± {error:.1g} times the variance that the filter reports: the variance shrinks by "
-            f"{100 * figures.lost:.0f} % a frame, of which data explain {max(0.0, 100 * figures.explained):.0f} %; the coverage "
-            f"of 90 % intervals is about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",
+            f"{100 * figures.lost:.0f} % a frame, and data explain {max(0.0, 100 * figures.explained):.0f} %; the coverage of "
+            f"90 % intervals is about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",
         )
     ]
