@@ -198,6 +198,8 @@ def test_of_two_closed_forms_the_model_is_to_blame(
     assert words in found.text and f"{abs(excess):.2g} times the smoothed variance" in found.text
     assert ("the model does not describe the data" in found.text) == blames_model
     assert ("intervals" in found.text) == (not blames_model)
+    tree.attrs |= encoded({"model of the filter": False})  # as of autocorrelated errors, which the filter does not know
+    assert [each.severity for each in smoothing(tree)] == ["not run"]
 
 
 def test_a_smoothed_result_knows_whether_its_filter_is_a_closed_form(runs: list[Smoothing]) -> None:
