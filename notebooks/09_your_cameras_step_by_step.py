@@ -218,16 +218,16 @@ shown(picture, "your_cameras")
 picture
 
 # %% [markdown]
-# ## What not to trust
+# ## Low confidence
 #
-# `poseppl report walk.nc` names the joints and frames that are not to be trusted, and why, and shows each camera's errors.
-# BODY_25 has no point on the head but the face's, so that the head is known from nothing:
+# `poseppl report walk.nc` lists the joints and frames of low confidence with reasons, and shows each camera's errors.
+# BODY_25 has no point on the head but those of the face, so the head's position comes from the body model alone:
 
 # %%
 from poseppl.diagnostics.doubts import doubts_in_a_row, doubts_of
 
-for doubt in doubts_in_a_row(smoothed, doubts_of(smoothed))[:5]:
-    print(f"{doubt.joint}, frames {doubt.first} to {doubt.last}: {doubt.reason}")
+for span in doubts_in_a_row(smoothed, doubts_of(smoothed))[:5]:
+    print(f"{', '.join(span.joints)}, frames {span.first} to {span.last}: {span.reason}")
 
 # %% [markdown]
 # ## What was claimed

@@ -30,6 +30,8 @@ Both appear whole or not at all; results are never changed.
 Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
+COVERAGE = "90 %\ncoverage,\n%"
+
 
 @click.command(epilog=EXAMPLES, short_help="Compare results on the same data.")
 @click.argument(
@@ -42,11 +44,12 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     """Compare runs of any filters or smoothers on the same data: one HTML file that opens offline.
 
     Each RESULT is a file that poseppl track or smooth wrote, called NAME, or else by its own name. For each run, frame and
-    coordinate the page tells the inefficiency factor, the effective sample size (ESS), also by second and by evaluation of the
-    likelihood or its gradient, rejection, R-hat, and error and coverage where the truth is known; who wins where, and whether
-    that is more than chance; and the variance of the mean against time. Runs of one setting with different seeds on the same
-    points count as replicates. Of the inefficiency factor there are the median over frames and coordinates, and in brackets the
-    mean, which the few that mix badly decide, and which the ESS follows.
+    coordinate the page shows the inefficiency factor, the effective sample size (ESS), ESS per second and per evaluation of the
+    likelihood or its gradient, rejection, R-hat, and error and coverage where the truth is known. It lists the winners by
+    coordinate, and plots the variance of the mean against time. Runs of one setting with different seeds on the same points
+    count as replicates. The table in the terminal has the seconds of all frames without compilation (wall time and processor
+    time), the median inefficiency factor τ, its mean (which a few frames that mix badly dominate, as they do the ESS), ESS per
+    second and per evaluation, the mean joint error, and the coverage of 90 % intervals of the coordinates.
     """
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.files.atomic_writing import atomic_path
@@ -131,23 +134,25 @@ def _print(comparison: Any, targets: list[Path]) -> None:
 
 
 def _columns(comparison: Any) -> tuple[list[str], list[list[str]]]:
-    """The runs, one a row."""
+    """The runs, one a row; columns without a figure are left out."""
     from poseppl.report.compare_tables import covered
-    from poseppl.report.page import shown
+    from poseppl.report.page import filled, shown
 
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
+    frames = comparison.attrs["frames"]
     columns = {
-        "ESS a second": summary["ess_per_second_all"],
-        "ESS an evaluation": summary["ess_per_evaluation_all"],
-        "joint error, mm": summary["joint_error_all"],
+        "wall,\ns": frames * figures["seconds"],
+        "CPU,\ns": frames * figures["cpu_seconds"],
+        "τ": summary["tau_median_all"],
+        "mean\nτ": summary["tau_all"],
+        "ESS\n/ s": summary["ess_per_second_all"],
+        "ESS\n/ eval.": summary["ess_per_evaluation_all"],
+        "error,\nmm": summary["joint_error_all"],
     }
     rows = [
-        [
-            name,
-            "{} ({})".format(*(shown(summary[tau].values[index]) for tau in ("tau_median_all", "tau_all"))),
-            *(shown(values.values[index]) for values in columns.values()),
-            covered(summary, index, 0.9),
-        ]
+        {"run": name, COVERAGE: covered(summary, index, 0.9)}
+        | {title: shown(values.values[index]) for title, values in columns.items()}
         for index, name in enumerate(figures["run"].values.tolist())
     ]
-    return ["run", "τ (mean)", *columns, "90 % cover, %"], rows
+    titles = [title for title, *_ in filled([(title, title, "") for title in ("run", *columns, COVERAGE)], rows)]
+    return titles, [[row[title] for title in titles] for row in rows]

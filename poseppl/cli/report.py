@@ -30,8 +30,8 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     """Write the report of a run as one HTML file that opens offline.
 
     RESULT is a file that poseppl track wrote. The report says what was run, gives verdicts in words, and shows inefficiency
-    factors, traces, overlays and poses with their uncertainty, joints over time, errors by camera, which joints in which
-    frames not to trust, and why, and error and coverage where the truth is known.
+    factors, traces, overlays and poses with their uncertainty, joints over time, errors by camera, joints of low confidence
+    with frames and reasons, and error and coverage where the truth is known.
     """
     from poseppl.cli.files import check_writable, contents_of
 

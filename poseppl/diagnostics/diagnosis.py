@@ -64,24 +64,26 @@ def diagnosed(tree: xr.DataTree) -> xr.DataTree:
 
 
 def root_index(tree: xr.DataTree) -> int:
-    """Index of the marker that relative errors are measured from.
+    """Index of the marker that relative errors are measured from: :func:`named_root`, or 0 where there is none."""
+    return named_root(tree) or 0
+
+
+def named_root(tree: xr.DataTree) -> int | None:
+    """Index of the marker that is the root of a body.
 
     Args:
         tree: The result.
 
     Returns:
         The index of the marker named in the attribute ``root`` of ``body``; else of the first marker with "pelvis", "root" or
-        "hips" in its name; else 0.
+        "hips" in its name; else None.
     """
     markers = names_of(tree, "marker")
     named = str(group_of(tree, "body").attrs.get("root", ""))
     if named in markers:
         return markers.index(named)
-    for word in ("pelvis", "root", "hips"):
-        for index, name in enumerate(markers):
-            if word in name.lower():
-                return index
-    return 0
+    found = (index for word in ("pelvis", "root", "hips") for index, name in enumerate(markers) if word in name.lower())
+    return next(found, None)
 
 
 def _chains(state: xr.DataArray, max_lag: int) -> dict[str, Any]:

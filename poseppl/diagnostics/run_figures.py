@@ -48,14 +48,15 @@ def figures_of_run(tree: xr.DataTree) -> xr.Dataset:
 
     Returns:
         The figures above, and of the run as a whole: ``method``, ``setting`` and ``seed`` (words; runs of one setting and of
-        different seeds are replicates of each other), ``kind`` ("chains", "weighted particles" or "closed form"), ``draws``
-        and ``seconds`` (a frame).
+        different seeds are replicates of each other), ``kind`` ("chains", "weighted particles" or "closed form"), ``draws``,
+        ``seconds`` (a frame), and ``cpu_seconds`` (a frame; of the processor, all threads together).
     """
     whole = diagnosed(tree)
     known, kind = provenance(whole), kind_of_run(whole)
     seconds = _seconds(known, whole["posterior"].sizes["frame"])
     data = _mixing(whole, kind, seconds) | _accuracy(whole) | described(known)
-    data |= {"kind": kind, "draws": _draws(whole), "seconds": seconds}
+    spent = _seconds(known, whole["posterior"].sizes["frame"], "cpu_seconds")
+    data |= {"kind": kind, "draws": _draws(whole), "seconds": seconds, "cpu_seconds": spent}
     return xr.Dataset(data).assign_coords(dof=names_of(whole, "dof"), level=list(LEVELS))
 
 
@@ -72,6 +73,11 @@ def kind_of_run(tree: xr.DataTree) -> str:
     return FORMULA if count is not None and (count == 1).all() else WEIGHTED
 
 
+def is_sampled(tree: xr.DataTree) -> bool:
+    """Whether a result's means have Monte Carlo error, of which inefficiency factors and effective numbers tell."""
+    return kind_of_run(tree) != FORMULA
+
+
 def described(known: dict[str, Any]) -> dict[str, str]:
     """Method, setting and seed of a run, from its provenance: empty words where it does not tell."""
     method = str(known.get("smoother") or known.get("filter") or "")
@@ -86,9 +92,9 @@ def _draws(tree: xr.DataTree) -> int:
     return int(tree.attrs["num_particles"]) if is_weighted(tree) else int(sizes["chain"] * sizes["draw"])
 
 
-def _seconds(known: dict[str, Any], frames: int) -> float:
+def _seconds(known: dict[str, Any], frames: int, name: str = "wall_seconds") -> float:
     """Seconds a frame, without compilation; those of the frames that were run, where a run was resumed."""
-    wall, count = known.get("wall_seconds"), known.get("frames_run", frames)
+    wall, count = known.get(name), known.get("frames_run", frames)
     known_time = isinstance(wall, int | float) and isinstance(count, int | float) and wall > 0 and count > 0
     return float(wall) / float(count) if known_time else float("nan")  # type: ignore[arg-type]
 

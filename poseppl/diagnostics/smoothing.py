@@ -22,6 +22,7 @@ from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, ratio_interval
 from poseppl.runs.contents import variable
 from poseppl.runs.posterior_checks import GROUP
+from poseppl.runs.results import provenance
 
 RESIDUAL_HIGH = 1.2
 """Squared residuals of the data over what is expected, from which they are wrong; most of them is noise, not error."""
@@ -77,6 +78,8 @@ def _steps(tree: xr.DataTree) -> Interval:
 
 
 def _distance(tree: xr.DataTree) -> Interval:
+    if provenance(tree).get("model of the filter") is False:
+        return UNKNOWN  # the law of total variance is of one model
     before, spread_before, draws_before = (variable(tree, "filtered", name) for name in ("state_mean", "state_sd", "ess"))
     mean, spread = (variable(tree, "summary", f"state_{name}") for name in ("mean", "sd"))
     draws = variable(tree, "sample_stats", "ess")

@@ -14,6 +14,7 @@ from plotly import graph_objects as go
 from poseppl.diagnostics.batches import mean_interval
 from poseppl.diagnostics.image_errors import ImageErrors
 from poseppl.diagnostics.modes import Modes
+from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_index, has_chains, worst_pairs
 from poseppl.report.chart import (
     DOTTED,
@@ -69,9 +70,9 @@ def error_traces(tree: xr.DataTree) -> Traces:
     if expected is None:
         return []
     x = frame_numbers(tree)
-    traces = fan(x, expected, ("posterior expects (90 %)", "posterior expects (median)"), line_width=1.2)
+    traces = fan(x, expected, ("expected error, central 90 %", "expected error, median"), line_width=1.2)
     if error is not None and relative is not None:
-        traces.append(line(x, error.mean(axis=1), "error against the truth", TRUTH))
+        traces.append(line(x, error.mean(axis=1), "error", TRUTH))
         traces.append(line(x, relative.mean(axis=1), "error relative to the root", OBSERVED))
     return traces
 
@@ -91,6 +92,8 @@ def inefficiency_panel(tree: xr.DataTree) -> Panel:
     """Inefficiency factors of every frame and coordinate; of weighted particles their effective number over the frames."""
     tau, effective = variable(tree, "diagnostics", "tau"), variable(tree, "diagnostics", "ess")
     x, count = frame_numbers(tree), tree.attrs.get("num_particles")
+    if not is_sampled(tree):
+        return Panel([], "Inefficiency factor τ", missing="closed form: no Monte Carlo error")
     if is_weighted(tree) and effective is not None and count is not None:
         axis = {"type": "log", "range": np.log10([0.8, 1.3 * int(count)])}
         return Panel([line(x, effective[:, 0], "", POSTERIOR)], f"Effective number of {count} particles", axis)
@@ -152,13 +155,13 @@ def _inefficiency(tree: xr.DataTree) -> go.Figure | None:
 
 def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Evidence, effective size and rejection over the frames, one panel below the other."""
-    x, weighted = frame_numbers(tree), is_weighted(tree)
+    x, weighted, sampled = frame_numbers(tree), is_weighted(tree), is_sampled(tree)
     ess, rejection = variable(tree, "diagnostics", "ess"), variable(tree, "diagnostics", "rejection_rate")
     step = variable(tree, "sample_stats", "step_size")
     found = {
         "log evidence": variable(tree, "sample_stats", "log_evidence"),
-        "effective number" if weighted else "least ESS": None if ess is None else np.fmin.reduce(ess, axis=1),
-        "unique ancestors": variable(tree, "sample_stats", "unique_ancestors"),
+        "effective number" if weighted else "least ESS": np.fmin.reduce(ess, axis=1) if sampled and ess is not None else None,
+        "unique ancestors": variable(tree, "sample_stats", "unique_ancestors") if sampled else None,
         "step size": None if step is None or len(np.unique(step[np.isfinite(step)])) < 2 else step,
         "rejection (%)": None if rejection is None or weighted else 100 * rejection,
     }
@@ -171,9 +174,9 @@ def _progress(tree: xr.DataTree) -> go.Figure | None:
 
 
 def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
-    """Histogram of the probability integral transforms of a run's predictive checks, which is flat where its predictions hold.
+    """Histogram of the probability integral transforms of a run's predictive checks, which is flat if they are calibrated.
 
-    Bars high at both ends say that predictions are too narrow, a hump that they are too wide, a slope that they are biased
+    Bars high at both ends mean predictions that are too narrow, a hump ones that are too wide, a slope ones that are biased
     (Diebold, Gunther and Tay 1998, doi:10.2307/2527342). A bar's standard error is that of the share of a frame's data in its
     bin, by batches of consecutive frames; none where the result has no predictive checks.
     """
@@ -181,8 +184,8 @@ def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
     if transform is None or not np.isfinite(transform).any():
         return None
     share, error = transform_shares(np.asarray(transform, np.float64))
-    drawn = histogram(100 * share, 200 * error, "share of the data (± 2 standard errors)", "predictions that hold", 100.0)
-    label = "place among the predicted data"
+    drawn = histogram(100 * share, 200 * error, "share of the data (± 2 standard errors)", "calibrated", 100.0)
+    label = "rank among the predicted values"
     return chart(drawn, "data (%)", xlabel=label, height=260, xaxis_range=[0, 1], hovermode="closest")
 
 
@@ -212,7 +215,7 @@ def residual_chart(tree: xr.DataTree, errors: ImageErrors | None) -> go.Figure |
     x, middle = frame_numbers(tree), xr.DataArray(errors.distance, dims=("frame", "camera", "marker")).median("marker").values
     rows = zip(middle.T, errors.cameras, cycle(MODES), strict=False)
     traces = [line(x, *row, FEW_POINTS, line_width=1.4) for row in rows]
-    return chart(traces, "image units", height=260, showlegend=True)
+    return chart(traces, "distance, image units", height=260, showlegend=True)
 
 
 def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
@@ -230,8 +233,8 @@ def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
             if truth is not None:
                 traces.append(line(x, truth[at], "truth", TRUTH, FEW_POINTS, line_width=1.2))
             panels.append(Panel(traces, f"{label}, mm"))
-            widths.append(line(x, (high[at] - low[at]) / 2, f"of {label}", MODES[axis], FEW_POINTS, line_width=1.2))
-        made[name] = stack([*panels, Panel(widths, "±, mm", {"rangemode": "tozero"})], height=120)
+            widths.append(line(x, (high[at] - low[at]) / 2, f"half-width, {label}", MODES[axis], FEW_POINTS, line_width=1.2))
+        made[name] = stack([*panels, Panel(widths, "half-width, mm", {"rangemode": "tozero"})], height=120)
     return made
 
 

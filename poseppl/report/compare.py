@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import xarray as xr
 
 from poseppl.diagnostics import comparison_table
@@ -12,13 +14,19 @@ from poseppl.report.compare_charts import comparison_charts, forecast_charts
 from poseppl.report.compare_tables import (
     coordinates_table,
     forecasts_table,
+    foretold,
     runs_table,
     settings_table,
     winners_table,
 )
-from poseppl.report.page import DASH, page_html
+from poseppl.report.page import page_html
+from poseppl.runs.contents import group_of
 
-_CARDS = {"ess_per_second": "most ESS a second", "ess_per_evaluation": "most ESS an evaluation", "error": "least error"}
+_CARDS = {
+    "ess_per_second": "highest ESS per second",
+    "ess_per_evaluation": "highest ESS per evaluation",
+    "error": "smallest error",
+}
 
 
 def write_comparison(tree: xr.DataTree, path: FilePath) -> None:
@@ -53,19 +61,23 @@ def comparison_html(tree: xr.DataTree) -> str:
         "comparison.html",
         title=f"{sizes['run']} runs compared",
         subtitle=f"{words(figures['run'].values.tolist())} · {sizes['frame']} frames · {sizes['dof']} coordinates",
-        cards=[_card(tree, quantity) for quantity in _CARDS],
+        cards=[card for quantity in _CARDS for card in _cards(tree, quantity)],
         data={"charts-data": drawn},
         charts=drawn,
         found=findings(tree),
         runs=runs_table(tree),
         winners=winners_table(tree),
         by_coordinate=coordinates_table(tree),
-        foretold=forecasts_table(tree),
+        forecasts_shown=forecasts_table(tree),
+        num_sites=group_of(tree, "forecasts").sizes.get("site", 0),
+        num_shown=len(list(foretold(tree))),
         settings=settings_table(tree),
     )
 
 
-def _card(tree: xr.DataTree, quantity: str) -> tuple[str, str]:
+def _cards(tree: xr.DataTree, quantity: str) -> Iterator[tuple[str, str]]:
+    """The winner of a quantity, and how many coordinates each run wins; nothing where fewer than two runs have it."""
     winner = str(tree["winner"].dataset["winner"].sel(quantity=quantity).item())
     counts = ", ".join(f"{name} {count}" for name, count in wins(tree, quantity).items())
-    return winner or DASH, f"{_CARDS[quantity]} · by coordinate: {counts}" if counts else _CARDS[quantity]
+    if winner:
+        yield winner, f"{_CARDS[quantity]} · by coordinate: {counts}" if counts else _CARDS[quantity]

@@ -36,13 +36,13 @@ MAX_FRAMES, MAX_CELLS = 300, 60_000
 HEATS = (
     ("tau", "inefficiency factor τ", True, False, (1.0, 300.0)),
     ("ess", "ESS", True, True, (None, None)),
-    ("ess_per_second", "ESS a second", True, True, (None, None)),
-    ("ess_per_evaluation", "ESS an evaluation", True, True, (None, None)),
+    ("ess_per_second", "ESS per second", True, True, (None, None)),
+    ("ess_per_evaluation", "ESS per evaluation", True, True, (None, None)),
     ("rhat", "R-hat", False, False, (1.0, 1.5)),
     ("error_over_sd", "error / standard deviation", False, False, (0.0, 3.0)),
 )
 """Of each heat map the figure, its label, whether it is logarithmic, whether more is better, and the ends of its colours."""
-COSTS = {"ess_per_second": "ESS a second", "ess_per_evaluation": "ESS an evaluation of likelihood or gradient"}
+COSTS = {"ess_per_second": "ESS per second", "ess_per_evaluation": "ESS per evaluation"}
 
 
 def comparison_charts(tree: xr.DataTree) -> dict[str, Any]:
@@ -85,7 +85,8 @@ def _heat_panels(
     frames, dofs = figures["frame"].values[chosen], figures["dof"].values.tolist()
     half = (frames[1] - frames[0]) / 2 if len(frames) > 1 else 0.5
     xaxis = {"showgrid": False, "nticks": 6, "tickfont_size": 10, "range": [frames[0] - half, frames[-1] + half]}
-    yaxis = {"type": "category", "autorange": "reversed", "showgrid": False, "ticks": "", "tickfont_size": 9}
+    yaxis = {"type": "category", "categoryarray": dofs, "range": [len(dofs) - 0.5, -0.5]}  # named in an empty panel, too
+    yaxis |= {"showgrid": False, "ticks": "", "tickfont_size": 9}
     yaxis |= {} if len(dofs) > 60 else {"dtick": 1}
     for index, run in enumerate(shown_runs(tree)):
         why = "closed form: no Monte Carlo error" if figures["kind"].values[index] == FORMULA else "no figure"
@@ -95,7 +96,7 @@ def _heat_panels(
 
 
 def _cost(tree: xr.DataTree) -> go.Figure | None:
-    """ESS a second and an evaluation of each coordinate: the harmonic mean, and the middle 90 % of the frames."""
+    """ESS per second and per evaluation of each coordinate: the harmonic mean, and the middle 90 % of the frames."""
     figures, summary = tree["figures"].dataset, tree["summary"].dataset
     runs, dofs = shown_runs(tree), figures["dof"].values.tolist()
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
@@ -113,7 +114,9 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
         if traces:
             yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont_size": 10, "automargin": True}
             yaxis |= {"range": [len(dofs) - 0.5, -0.5], "showgrid": False, "showticklabels": not panels}
-            known = np.concatenate([trace.x for trace in traces])
+            known = np.concatenate(
+                [trace.x + end for trace in traces for end in (trace.error_x.array, -trace.error_x.arrayminus)]
+            )
             panels.append(Panel(traces, "", yaxis, log_axis(title, known)))
     shade = {"xref": "paper", "x0": 0, "x1": 1, "fillcolor": GRID, "layer": "below", "opacity": 0.5, "line_width": 0}
     rows = [shade | {"y0": row - 0.5, "y1": row + 0.5} for row in range(0, len(dofs), 2)]
@@ -136,7 +139,7 @@ def _lines(tree: xr.DataTree, values: Array) -> Traces:
 
 def _error(tree: xr.DataTree) -> go.Figure | None:
     values = tree["figures"].dataset["joint_error"].transpose("run", "frame").values
-    return chart(_lines(tree, values), "mean joint error (mm)", height=340)
+    return chart(_lines(tree, values), "mean joint error, mm", height=340)
 
 
 def _coverage(tree: xr.DataTree) -> go.Figure | None:

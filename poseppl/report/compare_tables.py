@@ -49,7 +49,7 @@ def shown_runs(tree: xr.DataTree) -> list[ShownRun]:
 def runs_table(tree: xr.DataTree) -> list[Row]:
     """List the runs, one a row; ``bold`` are the columns in which it wins."""
     winner, rows = tree["winner"].dataset["winner"], []
-    figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "draws"]])
+    figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "cpu_seconds", "draws"]])
     for index, run in enumerate(shown_runs(tree)):
         row: Row = {str(name): each[index].item() for name, each in figures.data_vars.items() if each.dims == ("run",)}
         row |= {"run": run.cell, "evidence": evidence_words(tree["evidence"].dataset.isel(run=index))}
@@ -94,7 +94,8 @@ def winners_table(tree: xr.DataTree) -> list[Row]:
     """List who wins in which coordinate, and how far ahead of the next."""
     data, cells = tree["winner_by_dof"].dataset, {run.name: run.cell for run in shown_runs(tree)}
     return [
-        {quantity: _outcome(data.isel(dof=dof).sel(quantity=quantity), cells) for quantity in QUANTITIES} | {"dof": label}
+        {quantity: _outcome(data.isel(dof=dof).sel(quantity=quantity), cells) for quantity in QUANTITIES}
+        | {"dof": label, "decided": bool((data["winner"].isel(dof=dof) != "").any())}
         for dof, label in enumerate(data["dof"].values.tolist())
     ]
 

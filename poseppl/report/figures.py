@@ -15,6 +15,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 
 from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.selection import evenly, frame_index, segments
 from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.report.chart import Panel
@@ -27,10 +28,12 @@ from poseppl.report.charts import (
 )
 from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, SAMPLE, TEXT, TRUTH, new_picture
 from poseppl.report.pose_data import pose_data
+from poseppl.report.titles import algorithms_of, recording_of, wrapped
 from poseppl.runs.contents import names_of
-from poseppl.runs.results import provenance
 
 NUM_OVERLAYS = 5
+TITLE_LETTERS = 110
+"""Of a line of a picture's title."""
 MOST_RANKS = 24
 WIDTH = 2.6
 """Standard errors of a bar of ranks: 99 %."""
@@ -45,7 +48,9 @@ def plot_track(tree: xr.DataTree) -> Figure:
     whole = diagnosed(tree)
     poses = pose_data(whole, evenly(whole["posterior"].sizes["frame"], NUM_OVERLAYS)) or {"space": None, "image": None}
     picture = new_picture(14.0, 8.6)
-    picture.suptitle(_title(whole), x=0.01, ha="left", fontsize=13, color=TEXT, fontweight="bold", parse_math=False)
+    parts = [algorithms_of(whole), recording_of(whole), f"{whole['posterior'].sizes['frame']} frames"]
+    title = wrapped(" · ".join(filter(None, parts)), TITLE_LETTERS)
+    picture.suptitle(title, x=0.01, ha="left", fontsize=13, color=TEXT, fontweight="bold", parse_math=False)
     picture.set_layout_engine("constrained", h_pad=0.08, w_pad=0.06)
     rows = picture.add_gridspec(2, 1)
     upper, lower = (picture.add_subfigure(row) for row in (rows[0], rows[1]))
@@ -58,10 +63,12 @@ def plot_track(tree: xr.DataTree) -> Figure:
     else:
         _draw_panels(upper, _state_panels(whole, names_of(whole, "dof")[:3]), columns=3)
     if poses["space"] is not None:
-        below = lower.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.45))
+        sampled = is_sampled(whole)
+        below = lower.add_gridspec(1, 3 if sampled else 2, width_ratios=(1.0, 1.35, 1.45) if sampled else (1.0, 2.8))
         _pose3d(lower.add_subplot(below[0], projection="3d"), poses, len(poses["frames"]) // 2)
         _error(lower.add_subplot(below[1]), whole)
-        _draw_panel(lower.add_subplot(below[2]), inefficiency_panel(whole))
+        if sampled:
+            _draw_panel(lower.add_subplot(below[2]), inefficiency_panel(whole))
     else:
         _draw_panels(lower, [inefficiency_panel(whole)])
     return picture
@@ -256,9 +263,3 @@ def _error(axes: Axes, tree: xr.DataTree) -> None:
     axes.set_ylim(0, axes.get_ylim()[1] * 1.3)
     _legend(axes, loc="upper left")
     axes.text(0.995, 0.97, "\n".join(told), ha="right", va="top", transform=axes.transAxes, fontsize=8, color=MUTED)
-
-
-def _title(tree: xr.DataTree) -> str:
-    known = provenance(tree)
-    parts = [str(known[name]) for name in ("model", "filter", "smoother", "input") if name in known]
-    return " · ".join([*parts, f"{tree['posterior'].sizes['frame']} frames"])

@@ -13,6 +13,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,10 @@ SHORTEST = 24
 """Arrays with fewer values are numbers."""
 MISSING = 65_535
 """The code of what is not finite."""
+
+
+Column = tuple[str, str, str]
+"""The title of a column, the key of its figures in a row, and their format."""
 
 
 class Cell(NamedTuple):
@@ -47,6 +52,15 @@ def shown(value: Any, form: str = "") -> str:
     if value != 0 and not 1e-3 <= abs(value) < 1e9:
         return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
     return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
+
+
+def filled(columns: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> list[Column]:
+    """Leave columns out in which no row has a figure."""
+
+    def has_figure(value: Any, form: str) -> bool:
+        return (value.text if isinstance(value, Cell) else shown(value, form)) != DASH
+
+    return [column for column in columns if any(column[1] in row and has_figure(row[column[1]], column[2]) for row in rows)]
 
 
 def to_json(value: object) -> str:
@@ -93,7 +107,7 @@ def _listed(values: NDArray[Any]) -> Any:
 
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("poseppl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    made.filters["shown"] = shown
+    made.filters |= {"shown": shown, "filled": filled}
     made.policies.update({"json.dumps_function": to_json, "json.dumps_kwargs": {}})
     return made
 

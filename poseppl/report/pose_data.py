@@ -49,7 +49,7 @@ def pose_data(tree: xr.DataTree, frames: Array | None = None) -> dict[str, Any] 
 
 
 def doubts_shown(tree: xr.DataTree, doubts: Doubts | None, frames: Integers) -> dict[str, Any] | None:
-    """Reasons (frame, marker) in some frames, and their words; None where nothing is doubted."""
+    """Reasons (frame, marker) in some frames, last of what all share, and their words; None where confidence is high."""
     if doubts is None or (doubts.reasons < 0).all():
         return None
     return {"reasons": doubts.reasons[np.searchsorted(frame_numbers(tree), frames)], "words": doubts.words}

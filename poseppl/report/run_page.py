@@ -14,12 +14,14 @@ from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.doubts import doubts_of
 from poseppl.diagnostics.image_errors import image_errors
 from poseppl.diagnostics.modes import modes_over_time
+from poseppl.diagnostics.run_figures import is_sampled
+from poseppl.diagnostics.verdicts.predictive import rank_test
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts, joint_charts, mode_chart, residual_chart
 from poseppl.report.page import page_html
 from poseppl.report.pose_data import doubts_shown, ghosts, pose_data
-from poseppl.report.site_charts import data_charts, site_charts
+from poseppl.report.site_charts import MAX_ENTRIES, data_charts, site_charts
 from poseppl.report.tables import (
     ambiguity_table,
     camera_table,
@@ -30,7 +32,8 @@ from poseppl.report.tables import (
     settings_table,
     worst_frames_table,
 )
-from poseppl.runs.results import is_weighted, provenance
+from poseppl.report.titles import algorithms_of, title_of
+from poseppl.runs.results import is_weighted
 
 
 def write_report(tree: xr.DataTree, path: FilePath) -> None:
@@ -50,7 +53,7 @@ def write_report(tree: xr.DataTree, path: FilePath) -> None:
 def report_html(tree: xr.DataTree) -> str:
     """Make the report of a result, the whole page."""
     whole = diagnosed(tree)
-    drawn, poses, known, modes = charts(whole), pose_data(whole), provenance(whole), modes_over_time(whole)
+    drawn, poses, modes = charts(whole), pose_data(whole), modes_over_time(whole)
     doubts, errors = doubts_of(whole), image_errors(whole)
     own = "body" not in whole.children
     besides: dict[str, Any] = {"data": data_charts(whole) if own else {}, "coordinates": site_charts(whole) if own else {}}
@@ -61,22 +64,27 @@ def report_html(tree: xr.DataTree) -> str:
         poses["space"]["doubts"] = doubts_shown(whole, doubts, poses["frames"])
     return page_html(
         "report.html",
-        title=str(known.get("input") or known.get("model") or "Posterior of a state-space model"),
-        subtitle=" · ".join(str(known[name]) for name in ("model", "filter", "created") if name in known),
+        title=title_of(whole),
+        subtitle=algorithms_of(whole),
         cards=cards(whole),
         data={"charts-data": drawn, "pose-data": poses},
         charts=drawn,
         poses=poses,
         found=verdicts(whole),
         own=own,
+        most_entries=MAX_ENTRIES,
+        num_frames=whole["posterior"].sizes["frame"],
         predicted="posterior_predictive" in whole.children,
         known="truth" in whole.children,
         weighted=is_weighted(whole),
+        sampled=is_sampled(whole),
+        uniform=float(whole["diagnostics"].dataset["tau"].max()),
+        ranks=rank_test(whole),
         errors=error_table(whole),
         ambiguous=ambiguity_table(modes),
         cameras=camera_table(whole, errors),
         doubted=doubt_table(whole, doubts),
-        unseen=[] if doubts is None else doubts.unseen,
+        doubts=doubts,
         by_coordinate=inefficiency_table(whole),
         worst=worst_frames_table(whole),
         settings=settings_table(whole),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -10,13 +10,21 @@ import xarray as xr
 from poseppl.diagnostics.doubts import Doubts, doubts_in_a_row
 from poseppl.diagnostics.image_errors import ImageErrors
 from poseppl.diagnostics.modes import Modes, ambiguities
+from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.selection import told
 from poseppl.report.page import DASH
 from poseppl.runs.contents import FLAT, group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
-MAX_ROWS, MAX_DOUBTS = 10, 15
+MAX_ROWS, MAX_DOUBTS, MAX_VALUES = 10, 15, 30
 Row = dict[str, Any]
+
+
+class Top(NamedTuple):
+    """The first rows of a table, the most severe ones, and how many there are in all."""
+
+    rows: list[Row]
+    total: int
 
 
 def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
@@ -29,14 +37,14 @@ def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
         rows["chains × draws kept"] = f"{sizes['chain']} × {sizes['draw']}"
     rows["degrees of freedom"] = sizes["dof"]
     if "rate" in tree.attrs:
-        rows["frames a second of the recording"] = f"{float(tree.attrs['rate']):g}"
+        rows["frame rate, frames per second"] = f"{float(tree.attrs['rate']):g}"
     return {name: [str(value)] for name, value in (rows | flatten(provenance(tree))).items()}
 
 
 def inefficiency_table(tree: xr.DataTree) -> list[Row]:
     """List the inefficiency of each coordinate over the frames, the worst first; nothing for weighted particles."""
     data = tree["diagnostics"].dataset
-    if is_weighted(tree) or data["tau"].isnull().all():
+    if is_weighted(tree) or not is_sampled(tree) or data["tau"].isnull().all():
         return []
     moves = data["tau"].notnull().any("frame")
     moving = data.isel(dof=moves.values)
@@ -56,18 +64,21 @@ def inefficiency_table(tree: xr.DataTree) -> list[Row]:
     return records(figures.sortby(-figures["largest"])) + fixed
 
 
-def worst_frames_table(tree: xr.DataTree) -> list[Row]:
-    """List the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences, joint error."""
+def worst_frames_table(tree: xr.DataTree) -> Top:
+    """List the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences, joint error.
+
+    Nothing for closed forms, nor where one frame is as the other.
+    """
     data = tree["diagnostics"].dataset
     tau = data["tau"]
-    if tau.isnull().all():
-        return []
+    if not is_sampled(tree) or tau.isnull().all() or (len(tau) > 1 and tau.max() == tau.min()):
+        return Top([], 0)
     found = {"rejection": data.get("rejection_rate"), "divergences": group_of(tree, "sample_stats").get("divergences")}
     found = {"error": data.get("joint_error")} | ({} if is_weighted(tree) else found)
     means = {name: values.mean(set(values.dims) - {"frame"}) for name, values in found.items() if values is not None}
     figures = xr.Dataset({"tau": tau.max("dof"), "ess": data["ess"].min("dof")} | means)
     figures["coordinate"] = tau.fillna(-1).idxmax("dof") if not is_weighted(tree) else xr.full_like(tau[:, 0], "all", object)
-    return records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS)))
+    return Top(records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS))), figures.sizes["frame"])
 
 
 def error_table(tree: xr.DataTree) -> list[Row]:
@@ -104,46 +115,48 @@ def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[Row]:
     return [dict.fromkeys(columns, np.nan) | row for row in rows]
 
 
-def doubt_table(tree: xr.DataTree, doubts: Doubts | None) -> list[Row]:
+def doubt_table(tree: xr.DataTree, doubts: Doubts | None) -> Top:
     """The doubts that weigh most."""
-    rows = [] if doubts is None else doubts_in_a_row(tree, doubts)[:MAX_DOUBTS]
-    return [each._asdict() | {"frames": f"{each.first}" + (f" to {each.last}" if each.num_frames > 1 else "")} for each in rows]
+    found = [] if doubts is None else doubts_in_a_row(tree, doubts)
+    rows: list[Row] = [
+        each._asdict()
+        | {
+            "joint": ", ".join(each.joints),
+            "frames": f"{each.first}" + (f" to {each.last}" if each.num_frames > 1 else ""),
+        }
+        for each in found[:MAX_DOUBTS]
+    ]
+    return Top(rows, len(found))
 
 
-def ambiguity_table(modes: Modes) -> list[Row]:
+def ambiguity_table(modes: Modes) -> Top:
     """The stretches of frames that have several modes, the longest first."""
     end = int(modes.frames[-1]) + 1
     found = sorted(ambiguities(modes), key=lambda each: each.arose - (end if each.resolved is None else each.resolved))
-    return [
+    rows: list[Row] = [
         each._asdict() | {"resolved": "never" if each.resolved is None else str(each.resolved)} for each in found[:MAX_ROWS]
     ]
+    return Top(rows, len(found))
 
 
 def cards(tree: xr.DataTree) -> list[tuple[str, str]]:
-    """List the headline numbers."""
+    """List the headline numbers, those that the result has."""
     data, known = tree["diagnostics"].dataset, provenance(tree)
-    shown: list[tuple[str, str]] = []
-    if "joint_error" in data:
-        shown.append((f"{float(data['joint_error'].mean()):.0f} mm", "mean joint error"))
-        shown.append((f"{float(data['joint_error_relative'].mean()):.0f} mm", "relative to the root"))
-    if "coverage" in data and np.isfinite(data["coverage"].values).all():
-        share, error = (100 * float(data[name].sel(level=0.9)) for name in ("coverage", "coverage_se"))
-        shown.append((f"{share:.0f} ± {error:.0f} %", "of the truth in 90 % intervals"))
-    if data["tau"].notnull().any():
-        shown.append((f"{float(data['tau'].median()):.1f}", "median inefficiency τ"))
-    if "rejection_rate" in data and not is_weighted(tree):
-        shown.append((f"{100 * float(data['rejection_rate'].mean()):.0f} %", "of proposals rejected"))
-    stature = known.get("assumed stature")
-    if (
-        isinstance(stature, list)
-        and len(stature) == 2
-        and all(isinstance(each, int | float) and 0 < each < 1e4 for each in stature)
-    ):
-        shown.append((f"{stature[0] / 1000:.2f} ± {stature[1] / 1000:.2f} m", "stature, which is not known"))
-    seconds = known.get("wall_seconds")
-    if isinstance(seconds, int | float) and seconds > 0:
-        shown.append((f"{tree['posterior'].sizes['frame'] / seconds:.1f}", "frames a second"))
-    return shown
+    share, error = (data[name].sel(level=0.9) if name in data else np.nan for name in ("coverage", "coverage_se"))
+    stature, seconds = known.get("assumed stature"), _number(known.get("wall_seconds"))
+    tall, unsure = map(_number, stature) if isinstance(stature, list) and len(stature) == 2 else (np.nan, np.nan)
+    given, frames = 0 < tall < 1e4 and 0 < unsure < 1e4, _number(known.get("frames_run", tree["posterior"].sizes["frame"]))
+    found = [
+        (data.get("joint_error"), "{:.0f} mm", "mean joint error"),
+        (data.get("joint_error_relative"), "{:.0f} mm", "mean joint error relative to the root"),
+        (100 * share, f"{{:.0f}} ± {100 * float(error):.0f} %", "coverage of 90 % intervals (± SE)"),
+        (data["tau"].median() if is_sampled(tree) else None, "{:.1f}", "median inefficiency factor τ"),
+        (None if is_weighted(tree) else 100 * data.get("rejection_rate", np.nan), "{:.0f} %", "proposals rejected"),
+        (tall / 1000 if given else None, f"{{:.2f}} ± {unsure / 1000:.2f} m", "assumed stature (± SD)"),
+        (frames / seconds if seconds > 0 else None, "{:.1f}", "frames per second"),
+    ]
+    means = [(np.nan if value is None else float(np.mean(value)), form, label) for value, form, label in found]
+    return [(form.format(value), label) for value, form, label in means if np.isfinite(value)]
 
 
 def records(figures: xr.Dataset) -> list[Row]:
@@ -159,9 +172,18 @@ def flatten(value: Any, name: str = "") -> dict[str, str]:
         for key, inner in value.items():
             found |= flatten(inner, f"{name} · {key}".removeprefix(" · ").replace("_", " "))
         return found
-    if isinstance(value, float):
-        return {name: f"{value:.6g}"}
-    return {name: ", ".join(map(str, value)) if isinstance(value, list) else DASH if value is None else str(value)}
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return {name: f"{len(value)} × {max(map(len, value))} values"}
+    if isinstance(value, list):
+        more = f" and {len(value) - MAX_VALUES} more" if len(value) > MAX_VALUES else ""
+        return {name: (", ".join(map(_word, value[:MAX_VALUES])) or "none") + more}
+    return {name: _word(value)}
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return DASH if value is None else f"{value + 0.0:.6g}" if isinstance(value, float) else str(value)
 
 
 def _number(value: Any) -> float:

@@ -55,6 +55,7 @@ class Run(NamedTuple):
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
         history: What smoothers need of the filter, see :mod:`poseppl.runs.filter_history`; None where it is not kept.
         warnings: What the user was warned of, but for the frames in ``failed``.
+        cpu_seconds: Processor time of the frames themselves, of all threads of the process.
     """
 
     outputs: Any
@@ -69,6 +70,7 @@ class Run(NamedTuple):
     prediction: Prediction | None = None
     history: Any = None
     warnings: tuple[str, ...] = ()
+    cpu_seconds: float = float("nan")
 
 
 class Course:
@@ -89,6 +91,7 @@ class Course:
     def __init__(self, calls: Calls, numbers: Sequence[int], on_failure: OnFailure, note: Note, started: float) -> None:
         self._calls, self._numbers, self._on_failure, self._note = calls, numbers, on_failure, note
         self._started = self._compiled = started
+        self._processor = time.process_time()
         self._state: Any = None
         self._kept: list[Kept] = []
         self._warnings: list[str] = []
@@ -104,7 +107,7 @@ class Course:
         """Compile what the frames need after so many that come from a checkpoint."""
         self.resumed = resumed
         self._calls.compile(first=not resumed)
-        self._compiled = time.perf_counter()
+        self._compiled, self._processor = time.perf_counter(), time.process_time()
 
     def advance(self, stop: int) -> tuple[Any, Kept]:
         """Go on up to `stop`: the filter's state there, and what is kept of the frames.
@@ -185,7 +188,7 @@ class Course:
         told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
         parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history
-        return Run(*parts, tuple(self._warnings))
+        return Run(*parts, tuple(self._warnings), time.process_time() - self._processor)
 
     def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""

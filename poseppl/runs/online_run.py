@@ -67,7 +67,7 @@ class OnlineRun:
         self._course = Course(self._calls, self._numbers, on_failure, note, started)
         self._course.warn(*coarse_inputs(inputs))
         self._course.compile(resumed=0)
-        self._seconds = 0.0
+        self._seconds = self._processor = 0.0
         self.first = self._advance(sequence, frame_numbers)
         """What was kept of the first frames."""
 
@@ -84,7 +84,7 @@ class OnlineRun:
 
     def finish(self) -> Run:
         """The whole run; the seconds of its frames are those in which they were computed."""
-        return self._course.finish()._replace(wall_seconds=self._seconds)
+        return self._course.finish()._replace(wall_seconds=self._seconds, cpu_seconds=self._processor)
 
     def _sequence(self, observations: Observation, inputs: Any) -> FrameSequence:
         sequence = frame_sequence(observations, inputs, None)
@@ -95,7 +95,8 @@ class OnlineRun:
     def _advance(self, sequence: FrameSequence, numbers: Sequence[int] | None) -> Kept:
         stop = self._course.stop + sequence.num_frames
         self._numbers += range(self._course.stop, stop) if numbers is None else [int(number) for number in numbers]
-        began = time.perf_counter()
+        began, processor = time.perf_counter(), time.process_time()
         _, kept = self._course.advance(stop)
         self._seconds += time.perf_counter() - began
+        self._processor += time.process_time() - processor
         return kept

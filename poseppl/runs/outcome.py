@@ -109,7 +109,8 @@ def smoothed_result(
         observations: The data that were smoothed; those of the filter's result if None.
     """
     parts, known = _parts_of_smoothing(run, arrays_of(filtered, "sample_stats")), provenance(filtered)
-    told = {**known, "filter seconds": known.get("wall_seconds"), **attrs, **parts.pop("attrs")}
+    of_filter = {"filter seconds": known.get("wall_seconds"), "filter closed form": known.get("closed form")}
+    told = {**known, **of_filter, **attrs, **parts.pop("attrs")}
     before = xr.Dataset(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
@@ -184,6 +185,7 @@ def _parts(
             f"The collector kept a {type(outputs).__name__} of each frame. Expected draws, which a result is made of: use "
             "collect_draws, or take the outputs of run_filter as they are."
         )
+    times = {"wall_seconds": run.wall_seconds, "cpu_seconds": run.cpu_seconds, "compile_seconds": run.compile_seconds}
     return {
         "state": _by_chain(outputs.state),
         "sites": {name: _by_chain(values) for name, values in outputs.sites.items()},
@@ -191,7 +193,7 @@ def _parts(
         "sample_stats": sample_stats,
         "summary": outputs.summary,
         "num_particles": num_particles,
-        "attrs": {**run.method, "wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds, **attrs},
+        "attrs": {**run.method, **times, **attrs},
     }
 
 

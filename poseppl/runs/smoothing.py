@@ -51,6 +51,7 @@ class SmoothingRun(NamedTuple):
         compile_seconds: Time to trace and compile.
         wall_seconds: Time of the smoothing itself.
         method: What the smoother says of itself, by name, for the result.
+        cpu_seconds: Processor time of the smoothing itself, of all threads of the process.
     """
 
     outputs: Any
@@ -59,6 +60,7 @@ class SmoothingRun(NamedTuple):
     compile_seconds: float
     wall_seconds: float
     method: Mapping[str, Any]
+    cpu_seconds: float = float("nan")
 
 
 class _Frame(NamedTuple):
@@ -105,17 +107,17 @@ def run_smoother(
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
     compiled = _compiled(smoother, rng_key, history, data, whole)
-    ready = time.perf_counter()
+    ready, processor = time.perf_counter(), time.process_time()
     smoothed: Smoothed = compiled(rng_key, history, data, whole)
     smoothed.particles.block_until_ready()
-    seconds = ready - started, time.perf_counter() - ready
+    seconds, spent = (ready - started, time.perf_counter() - ready), time.process_time() - processor
     finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
     if not finite:
         raise SmoothingError(_breakdown(smoother, smoothed))
     info = jax.tree.map(np.asarray, smoothed.info)
     _check_reachable(info.unreachable)
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
-    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance)
+    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance, spent)
 
 
 def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:

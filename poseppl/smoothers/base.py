@@ -87,6 +87,7 @@ class Smoother:
         closed_form: Whether its means come from a formula, without Monte Carlo error, whatever is drawn from them.
         reweighs: Whether it draws nothing and gives the filter's particles new weights, which are exact where these are all
             values of the state.
+        is_optimizer: Whether it returns only the most probable trajectory, whose standard deviations mean nothing.
         model: The model; None for a smoother whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
@@ -96,6 +97,7 @@ class Smoother:
     follows_ancestors: bool = False
     closed_form: bool = False
     reweighs: bool = False
+    is_optimizer: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -104,7 +106,8 @@ class Smoother:
     @property
     def provenance(self) -> dict[str, Any]:
         """Attributes of a result that tell of the smoother, for those who judge it."""
-        return {"closed form": self.closed_form, "joint": self.joint}
+        fields = {"closed form": self.closed_form, "joint": self.joint}
+        return fields | ({"optimizer": True} if self.is_optimizer else {})
 
 
 NOISELESS = "backward_simulation_smoother or particle_gibbs_smoother, or for linear models rauch_tung_striebel_smoother"

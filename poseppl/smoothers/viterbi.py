@@ -65,7 +65,7 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
         info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost, unreachable=jnp.append(unreachable, False))
         return Smoothed(trajectory, jnp.zeros((num_frames, 1), trajectory.dtype), info)
 
-    return Smoother(smooth, joint=True, closed_form=True)
+    return Smoother(smooth, joint=True, closed_form=True, is_optimizer=True)
 
 
 def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Any]:

@@ -22,7 +22,7 @@ def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.
     failed, acceptance = np.zeros(60, bool), np.full(60, 0.85)
     failed[2], acceptance[20] = True, 0.3
     wrong = {"sample_stats": {"failed": failed, "acceptance_rate": acceptance}}
-    line = "error: Impossible data in frame 12: no draw explains them, and the posterior there is the prior."
+    line = "error: Data with zero likelihood in frame 12: no draw explains them, and the posterior there is the prediction."
     more = " 1 more in the report: poseppl report run.nc\n"
     assert printed(capsys, quiet=False, **wrong) == (line + more, "")
     assert printed(capsys, quiet=True, **wrong) == ("", f"poseppl: {line}{more}")
@@ -48,5 +48,5 @@ def test_each_of_two_results_that_were_written_is_judged(capsys: pytest.CaptureF
     print_verdicts({Path("run.nc"): right, Path("run-laplace.nc"): wrong}, quiet=False)
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("run.nc: info: No problems") and second.startswith(
-        "run-laplace.nc: error: Impossible data in frame 12"
+        "run-laplace.nc: error: Data with zero likelihood in frame 12"
     )

@@ -1,4 +1,4 @@
-"""Which joints not to trust, and how cameras err: by hand."""
+"""Which joints have low confidence, and how cameras err: by hand."""
 
 from __future__ import annotations
 
@@ -6,33 +6,41 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from poseppl.diagnostics.doubts import doubts_in_a_row, doubts_of
+from poseppl.diagnostics.doubts import WHOLE, doubts_in_a_row, doubts_of
 from poseppl.diagnostics.image_errors import image_errors
 from poseppl.runs.results import Names, build_result
 
 CAMERAS, MARKERS = ("left", "right"), ("hip", "knee", "toe")
 
 
-def result(seen: np.ndarray, *, spread: np.ndarray | None = None, noise: float = 2.0) -> xr.DataTree:
-    """Points (T, 2, 3, 2) seen where (100, 200) are expected, with a place known to 5 mm in each of x, y and z."""
-    frames = len(seen)
-    markers = np.zeros((1, 4, frames, 3, 3))
-    sd = np.full((frames, 3, 3), 5.0) if spread is None else np.broadcast_to(spread[:, :, None], (frames, 3, 3)) / 3**0.5
-    quantile = np.zeros((frames, 7, 3, 3))
+def result(
+    seen: np.ndarray, *, spread: np.ndarray | None = None, noise: float = 2.0, names: tuple[str, ...] = MARKERS, root: str = ""
+) -> xr.DataTree:
+    """Points (T, 2, K, 2) seen where (100, 200) are expected; the markers' positions have these standard deviations (T, K).
+
+    The last standard deviation is that of a shift which all markers share.
+    """
+    frames, number = len(seen), len(names)
+    wide = np.full((frames, number + 1), 3.0) if spread is None else spread
+    # four draws on the vertices of a tetrahedron, of variance 1 along each axis, and its mirror image, which is independent
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
+    own, shared = np.kron(corners, np.ones((4, 1))) / 3**0.5, np.kron(np.ones((4, 1)), -corners) / 3**0.5
+    markers = wide[None, :, :-1, None] * own[:, None, None] + wide[None, :, -1:, None] * shared[:, None, None]
     return build_result(
-        state=np.zeros((1, 4, frames, 1)),
-        names=Names(("x",), MARKERS, CAMERAS),
-        extras={"markers": markers, "points": np.broadcast_to([100.0, 200.0], (1, 4, frames, 2, 3, 2))},
-        summary={"markers_mean": markers[0, 0], "markers_sd": sd, "markers_quantile": quantile},
+        state=np.zeros((1, 16, frames, 1)),
+        names=Names(("x",), names, CAMERAS),
+        extras={"markers": markers[None], "points": np.broadcast_to([100.0, 200.0], (1, 16, frames, 2, number, 2))},
         observed=seen,
-        inputs={"noise": np.full((2, 3), noise)},
+        inputs={"noise": np.full((2, number), noise)},
         frames=np.arange(10, 10 + frames),
+        edges=np.zeros((0, 2)),
+        root=root or None,
     )
 
 
-def clean(frames: int = 8) -> np.ndarray:
-    seen = np.tile([100.0, 200.0], (frames, 2, 3, 1))
-    seen[:, :, 2] = np.nan  # no camera ever sees the toe
+def clean(frames: int = 8, number: int = 3) -> np.ndarray:
+    seen = np.tile([100.0, 200.0], (frames, 2, number, 1))
+    seen[:, :, 2] = np.nan  # no camera ever sees the third one
     return seen
 
 
@@ -56,21 +64,69 @@ def test_reasons_in_a_row() -> None:
     seen[6, 1, 0] += [6.0, 6.0]  # 8.5 px: more than four times 2
     seen[7, 1, 0] += [5.0, 5.0]  # 7.1 px: less
     assert rows(result(seen)) == [
-        ("knee", 12, 13, 2, "seen by one camera alone"),
-        ("hip", 16, 16, 1, "far from where right saw it"),
-        ("knee", 14, 14, 1, "seen by no camera"),
+        (("knee",), 12, 13, 2, "seen by one camera only"),
+        (("hip",), 16, 16, 1, "far from its detections in right"),
+        (("knee",), 14, 14, 1, "seen by no camera"),
     ]
 
 
-def test_a_wide_place_is_doubted_unless_there_is_more_to_say() -> None:
-    spread = np.full((8, 3), 10.0)
-    spread[1:4, 2] = 61.0
-    spread[0, 1] = 70.0
+RELATIVE = "posterior SD above 60 mm, relative to hip"
+
+
+def test_positions_are_judged_relative_to_the_root_and_what_they_share_is_said_once() -> None:
+    """The root's own standard deviation is hypot(3, 90) mm; the others' is what they have beyond it."""
+    spread = np.full((8, 4), 3.0)
+    spread[:, 3] = 90.0  # of all of them
+    spread[1:4, 2] = 64.5  # the toe's, 61.5 beyond the hip's
+    spread[5:7, 1:3] = 70.0
+    spread[0, 1] = 62.5  # the knee's, 59.5 beyond the hip's
+    tree = result(clean(), spread=spread, root="hip")
+    found = [
+        ((WHOLE,), 10, 17, 8, "posterior SD of hip above 60 mm"),
+        (("toe",), 11, 13, 3, RELATIVE),
+        (("knee", "toe"), 15, 16, 2, RELATIVE),
+    ]
+    assert rows(tree) == found
+    doubts = doubts_of(tree)
+    assert doubts is not None and doubts.root == "hip"
+    np.testing.assert_allclose(doubts.spread[2], [0, 0, 61.5, np.hypot(3, 90)], atol=1e-9)
+
+
+def test_without_a_root_positions_are_judged_relative_to_the_centre() -> None:
+    spread = np.zeros((8, 4))
+    spread[2, 1], spread[:, 3] = 99.0, 61.0
     seen = clean()
-    seen[0, :, 1] = np.nan
-    assert rows(result(seen, spread=spread)) == [
-        ("toe", 11, 13, 3, "known to more than 60 mm"),
-        ("knee", 10, 10, 1, "seen by no camera"),
+    seen[3, :, 1] = np.nan
+    tree = result(seen, spread=spread)
+    where = "the centre of all points"
+    assert rows(tree) == [
+        ((WHOLE,), 10, 17, 8, f"posterior SD of {where} above 60 mm"),
+        (("knee",), 12, 12, 1, f"posterior SD above 60 mm, relative to {where}"),
+        (("knee",), 13, 13, 1, "seen by no camera"),
+    ]
+
+
+NAMES = ("hip", "knee", "toe", "ankle", "elbow", "wrist", "neck")
+
+
+def test_an_error_that_all_points_of_a_camera_share_is_said_once() -> None:
+    """A camera is shifted by 30 px in all frames, and a joint is off by 20 px beyond that in two of them."""
+    seen = clean(number=len(NAMES))
+    seen[:, 1] += [30.0, 0.0]
+    seen[4:6, 1, 5] += [0.0, 20.0]
+    assert rows(result(seen, names=NAMES)) == [
+        ((WHOLE,), 10, 17, 8, "far from all detections in right"),
+        (("wrist",), 14, 15, 2, "far from its detections in right"),
+    ]
+
+
+def test_frames_in_which_a_camera_saw_nobody_are_said_once() -> None:
+    seen = clean(number=len(NAMES))
+    seen[3:5, 0] = np.nan
+    seen[6, 0, :2] = np.nan
+    assert rows(result(seen, names=NAMES)) == [
+        ((WHOLE,), 13, 14, 2, "seen by one camera only"),
+        (("hip", "knee"), 16, 16, 1, "seen by one camera only"),
     ]
 
 

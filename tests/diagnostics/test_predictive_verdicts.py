@@ -54,7 +54,7 @@ def test_a_filter_that_is_right_is_let_be(noise: float) -> None:
 def test_a_quarter_of_the_covariance_is_an_error(noise: float) -> None:
     for seed in range(10):
         (found,) = check_predictions(kalman(walks(noise, seed), noise, step=0.25 * 0.25, narrow=0.25))
-        assert found.severity == "error" and "Over-confident" in found.text
+        assert found.severity == "error" and "Overconfident" in found.text
 
 
 def test_noise_that_hides_the_state_does_not_hide_over_confidence() -> None:
@@ -77,7 +77,7 @@ def shorter(noise: float, seed: int, **wrong: float) -> DataPrediction:
 def test_forty_numbers_tell_half_of_the_variance() -> None:
     """Batches of so few frames do not: their interval excludes 1 in a third of the sequences."""
     right, wrong = ([shorter(PRECISE, seed, step=step) for seed in range(200)] for step in (0.25, 0.11))
-    found, accused = (sum("Over-confident" in str(check_predictions(each)) for each in runs) for runs in (wrong, right))
+    found, accused = (sum("Overconfident" in str(check_predictions(each)) for each in runs) for runs in (wrong, right))
     assert found > 120 and accused <= 10  # 144 and 6; the level is 2.5 %, and batches add to it
     inflations = [predictive_figures(each).inflation for each in wrong]
     assert sum(each.estimate - each.half_width > 1 for each in inflations) < 80
@@ -150,19 +150,20 @@ def test_noise_three_times_too_large_is_a_warning(noise: float) -> None:
         data = walks(noise, seed)
         wrong = kalman(data, 9 * noise)
         (found,) = check_predictions(wrong)
-        assert found.severity == "warning" and found.text.startswith("Under-confident predictions: 90 % intervals of the data")
-        assert "The noise is wider" in found.text and found.text.endswith(
-            "This judges the data, not the states (coordinates, joints)."
+        assert found.severity == "warning"
+        assert found.text.startswith("Underconfident predictions: the coverage of 90 % intervals of the data")
+        assert "The noise is too large" in found.text and found.text.endswith(
+            "This is about the data, not about the states (coordinates, joints)."
         )
         assert coverage_of_states(wrong, data, walks(0.0, seed)) > 0.96
-    assert sum("Under-confident" in str(check_predictions(shorter(noise, seed))) for seed in range(100)) <= 3
+    assert sum("Underconfident" in str(check_predictions(shorter(noise, seed))) for seed in range(100)) <= 3
 
 
 @pytest.mark.parametrize(
     ("wrong", "cause", "covered"),
     [
-        ({"step": 2.0}, "The transition is wider", 0.9),
-        ({"step": 1.0, "noise": 0.2}, "The transition and the noise are wider", 1.0),
+        ({"step": 2.0}, "The transition variance is too large", 0.9),
+        ({"step": 1.0, "noise": 0.2}, "The transition variance and the noise are too large", 1.0),
     ],
 )
 def test_what_is_too_wide_is_named(wrong: dict[str, float], cause: str, covered: float) -> None:

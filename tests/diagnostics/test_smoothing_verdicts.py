@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 import xarray as xr
 from poseppl_models.linear_gaussian import linear_gaussian
+from synthetic import synthetic_result
 
 from poseppl import infer, smooth
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.smoothing import smoothing_figures
+from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.errors import InputError
 from poseppl.filters import kalman_filter
 from poseppl.runs.contents import FLAT
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.predictive import predictive_checks
-from poseppl.runs.results import encoded
+from poseppl.runs.results import encoded, provenance
 from poseppl.runs.simulation import simulate
-from poseppl.smoothers import rauch_tung_striebel_smoother
+from poseppl.smoothers import rauch_tung_striebel_smoother, viterbi_smoother
 
 FRAMES, SEEDS = 100, 4
 MODEL = linear_gaussian(2, 1).compile()
@@ -84,10 +86,10 @@ def test_an_exact_smoother_is_let_be(runs: list[Smoothing]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (scaled(0.5), "nearer to the filtered ones"),
-        (scaled(1.7), "Smoothed states step"),
-        (lambda draws: np.roll(draws, 1, 2), "Data lie"),
-        (lambda draws: draws + 3.0, "farther from the filtered ones"),
+        (scaled(0.5), "means differ less than"),
+        (scaled(1.7), "Steps of the smoothed states"),
+        (lambda draws: np.roll(draws, 1, 2), "The data are"),
+        (lambda draws: draws + 3.0, "means differ more than"),
     ],
     ids=["narrow", "wide", "a frame late", "beside"],
 )
@@ -101,7 +103,7 @@ def test_a_wrong_model_is_an_error_of_its_filter_and_of_its_smoother() -> None:
     """Data of noise that is three times as large as the model has it."""
     noise = np.sqrt(8 * 0.25) * np.random.default_rng(0).standard_normal((FRAMES, 1))
     tree = checked(run(data_of(0) + noise).smoothed)
-    assert any(text.startswith("Of the filter that was smoothed") for text in errors(tree))
+    assert any(text.startswith("Filter before smoothing") for text in errors(tree))
     del tree["predictive"]
     assert errors(tree)
 
@@ -111,10 +113,10 @@ def test_a_smoother_that_fits_is_not_to_blame_for_its_filter(runs: list[Smoothin
     tree = checked(runs[0].smoothed)
     predictive = tree["predictive"].to_dataset()
     tree["predictive"] = xr.DataTree(predictive.assign(innovation=3 * predictive["innovation"]))
-    found = [each.severity for each in verdicts(tree) if each.text.startswith("Of the filter that was smoothed")]
+    found = [each.severity for each in verdicts(tree) if each.text.startswith("Filter before smoothing")]
     assert found == ["warning"]
     del tree["posterior_checks"]
-    assert any(text.startswith("Of the filter that was smoothed") for text in errors(tree))
+    assert any(text.startswith("Filter before smoothing") for text in errors(tree))
 
 
 @pytest.mark.full
@@ -174,3 +176,41 @@ def test_the_distance_is_over_the_smoothed_variance_and_without_the_last_frame(e
         sample_stats={"ess": draws},
     )
     assert smoothing_figures(tree).distance.estimate == pytest.approx(excess, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("excess", "words"), [(1.5, "means differ more than"), (-0.6, "means differ less than")], ids=["farther", "nearer"]
+)
+@pytest.mark.parametrize(
+    ("smoother", "filter", "blames_model"), [(True, True, True), (True, False, False), (False, True, False)]
+)
+def test_of_two_closed_forms_the_model_is_to_blame(
+    excess: float, words: str, smoother: bool, filter: bool, blames_model: bool
+) -> None:
+    """There is no draw that could be to blame, nor an interval but by the model."""
+    frames = np.ones((40, 2))
+    tree = summed(
+        filtered={"state_mean": 0 * frames, "state_sd": np.sqrt(2.0) * frames},
+        summary={"state_mean": np.sqrt(1 + excess) * frames, "state_sd": frames},
+    )
+    tree.attrs = encoded({"smoother": "s", "closed form": smoother, "filter closed form": filter})
+    (found,) = (each for each in smoothing(tree) if each.severity != "not run")
+    assert words in found.text and f"{abs(excess):.2g} times the smoothed variance" in found.text
+    assert ("the model does not describe the data" in found.text) == blames_model
+    assert ("intervals" in found.text) == (not blames_model)
+    tree.attrs |= encoded({"model of the filter": False})  # as of autocorrelated errors, which the filter does not know
+    assert [each.severity for each in smoothing(tree)] == ["not run"]
+
+
+def test_a_smoothed_result_knows_whether_its_filter_is_a_closed_form(runs: list[Smoothing]) -> None:
+    assert provenance(runs[0].smoothed)["filter closed form"] is True
+
+
+def test_a_most_probable_trajectory_has_no_uncertainty() -> None:
+    """By what the smoother says of itself, not by its name."""
+    assert viterbi_smoother(MODEL).provenance["optimizer"] and "optimizer" not in rauch_tung_striebel_smoother(MODEL).provenance
+    tree = synthetic_result(num_frames=4, num_draws=1, num_chains=1, weighted=True)
+    words = "its standard deviations and intervals mean nothing"
+    assert not any(words in each.text for each in verdicts(tree))
+    tree.attrs |= encoded({"smoother": "any", "closed form": True, "optimizer": True})
+    assert [each.severity for each in verdicts(tree) if words in each.text] == ["warning"]

@@ -85,7 +85,7 @@ def test_intervals_of_exact_updates_hold_what_they_say() -> None:
     assert 0.5 < np.square((found[:, 0] - 0.9) / found[:, 1]).mean() < 2.0
     assert all(check_intervals(*in_intervals(filtered(seed))) == [] for seed in range(RUNS))
     (wrong,) = check_intervals(*in_intervals(filtered(0), 0.8), ["--filter particle"])
-    assert wrong.severity == "error" and "hold 82 ± " in wrong.text and "such as --filter particle" in wrong.text
+    assert wrong.severity == "error" and "intervals is 82 ± " in wrong.text and "such as --filter particle" in wrong.text
 
 
 def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
@@ -102,7 +102,7 @@ def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
     assert check_updates(prediction, mean, deviation, np.full(FRAMES, np.inf)) == []
     reach = norm.ppf(0.95) * deviation
     (found,) = check_intervals(prediction, mean - reach, mean + reach)
-    assert "hold 79 ± " in found.text
+    assert "intervals is 79 ± " in found.text
     of_modes = prediction._replace(explained=np.full((FRAMES, 1), np.nan))
     assert check_intervals(of_modes, mean - reach, mean + reach) == []
     few = prediction._replace(weighted_ess=np.full(FRAMES, LEAST_DRAWS - 1))

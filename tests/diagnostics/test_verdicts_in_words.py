@@ -55,7 +55,7 @@ def test_failures_and_rejection_by_frame() -> None:
     failed, acceptance = np.zeros(24, bool), np.full(24, 0.85)
     failed[2], acceptance[20:22] = True, 0.3
     texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
-    assert texts.startswith("error: Impossible data in frame 12:")
+    assert texts.startswith("error: Data with zero likelihood in frame 12:")
     assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size or raise target_acceptance" in texts
     assert "No problems" not in texts
 
@@ -112,13 +112,15 @@ def test_what_a_coverage_says(share: float, error: float, kind: str) -> None:
 
 def test_coverage_of_coordinates_and_joints() -> None:
     wrong = _texts(synthetic_result(num_frames=60, truth_scale=2.5))
-    assert "error: 90 % intervals of coordinates cover 46 %" in wrong and "error: 90 % intervals of joints" in wrong
+    assert "error: The coverage of 90 % intervals of coordinates is 46 %" in wrong
+    assert "error: The coverage of 90 % intervals of joints" in wrong
     assert "--sigma-angle" in wrong
-    assert "warning: 90 % intervals of coordinates cover 8" in _texts(synthetic_result(num_frames=60, truth_scale=1.2))
-    assert "under-confident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
+    narrow = _texts(synthetic_result(num_frames=60, truth_scale=1.2))
+    assert "warning: The coverage of 90 % intervals of coordinates is 8" in narrow
+    assert "underconfident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
     somewhat = _texts(synthetic_result(num_frames=60, truth_scale=0.87))
-    assert "info: 90 % intervals of coordinates cover 94 %" in somewhat and "under-confident" not in somewhat
-    assert "info: 90 % intervals of coordinates cover 90 % (± 1) of the truth: calibrated." in _texts(
+    assert "info: The coverage of 90 % intervals of coordinates is 94 %" in somewhat and "underconfident" not in somewhat
+    assert "info: The coverage of 90 % intervals of coordinates is 90 % (± 1): calibrated." in _texts(
         synthetic_result(num_frames=60)
     )
 
@@ -128,10 +130,10 @@ def test_joints_that_differ_from_the_body_are_said_to() -> None:
     tree = synthetic_result(num_frames=60, truth_scale=2.5)
     tree.attrs["residual_mm"] = "5.64"
     of_coordinates, of_joints = (text for text in _texts(tree).splitlines() if "90 % intervals of" in text)
-    words = "too narrow (they leave out that the body differs from the recording by 5.6 mm): raise --noise"
-    assert words in of_joints and "leave out" not in of_coordinates
+    words = "too narrow (they ignore that the body differs from the recording by 5.6 mm): raise --noise"
+    assert words in of_joints and "ignore that" not in of_coordinates
     tree.attrs["residual_mm"] = '"none"'
-    assert "leave out" not in _texts(tree)
+    assert "ignore that" not in _texts(tree)
 
 
 def test_degenerate_particles() -> None:

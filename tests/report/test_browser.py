@@ -71,11 +71,11 @@ def test_joints_that_are_doubted_are_marked(driver: Any, tmp_path: Path) -> None
     open_page(driver, tmp_path / "report.html")
     driver.execute_script(_MOVE, 3)
     told = driver.execute_script("return document.getElementById('space').data[2].text")
-    assert told[5].endswith(": far from where front saw it")
+    assert told[5].endswith(": far from its detections in front")
     marked = driver.execute_script("return document.getElementById('space').data[2].marker.color")
     assert marked[5] == "#e4572e"
     text = driver.execute_script("return ['trust', 'cameras'].map((id) => document.getElementById(id).textContent).join()")
-    assert "far from where front saw it" in text and "noise expected" in text
+    assert "far from its detections in front" in text and "expected SD" in text
     assert driver.execute_script("return document.getElementById('joint-chart').data.length") == 3 * 4 + 3
     assert driver.execute_script("return document.querySelectorAll('#chart-residuals .main-svg').length") > 0
     assert errors(driver) == []

@@ -14,7 +14,7 @@ from poseppl.report.chart import Panel, fan, grid, line, log_axis, log_ticks, st
 from poseppl.report.charts import charts, mode_chart
 from poseppl.report.page import to_json
 from poseppl.report.pose_data import ghosts
-from poseppl.report.tables import ambiguity_table
+from poseppl.report.tables import Top, ambiguity_table
 
 X = np.arange(3)
 
@@ -47,7 +47,7 @@ def test_pictures_draw_the_charts_of_the_page() -> None:
     drawn = {trace["name"]: trace for trace in charts(diagnosed(tree))["error"]["data"]}
     axes = report.plot_error(tree).axes[0]
     lines = {str(shown.get_label()): shown.get_ydata() for shown in axes.get_lines()}
-    assert set(lines) | {"posterior expects (90 %)"} == set(drawn)
+    assert set(lines) | {"expected error, central 90 %"} == set(drawn)
     for name, values in lines.items():
         np.testing.assert_allclose(values, drawn[name]["y"])
     lower, upper, _ = fan(X, (X - 1.0, X, X + 1.0))
@@ -82,7 +82,7 @@ def test_ticks_of_logarithmic_axes() -> None:
 @pytest.mark.full
 def test_modes_are_shown_where_a_result_has_several() -> None:
     single = modes_over_time(synthetic_result(num_frames=8))
-    assert mode_chart(single) is None and ghosts(single, single.frames) is None and ambiguity_table(single) == []
+    assert mode_chart(single) is None and ghosts(single, single.frames) is None and ambiguity_table(single) == Top([], 0)
     modes = modes_over_time(two_sided_result())
     drawn = mode_chart(modes)
     assert drawn is not None
@@ -91,6 +91,7 @@ def test_modes_are_shown_where_a_result_has_several() -> None:
     assert found is not None
     np.testing.assert_allclose(found["masses"], [[0.75, 0.25], [1.0, 0.0]])
     assert np.isnan(found["markers"][1, 1]).all() and np.isfinite(found["markers"][0]).all()
-    (row,) = ambiguity_table(modes)
+    ((row,), total) = ambiguity_table(modes)
+    assert total == 1
     assert (row["arose"], row["resolved"], row["lesser"], row["place"]) == (16, "20", 0.25, "wrist_r")
     assert ghosts(modes._replace(means=modes.means[..., 0]), modes.frames) is None, "states are not drawn in space"

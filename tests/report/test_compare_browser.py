@@ -93,7 +93,7 @@ def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
     titles = driver.execute_script(
         "return [...document.querySelectorAll('[class*=title] text, text[class*=title]')].map((t) => t.textContent)"
     )
-    for title in ("ESS a second", "mean joint error (mm)", "seconds a frame", "frame", "truth inside (%)", "rejected (%)"):
+    for title in ("ESS per second", "mean joint error, mm", "seconds a frame", "frame", "truth inside (%)", "rejected (%)"):
         assert title in titles
     cells = driver.execute_script(
         "return [...document.querySelectorAll('#where tbody tr')].map((r) => r.innerText.split('\\t'))"

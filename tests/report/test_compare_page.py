@@ -34,9 +34,9 @@ def comparison() -> xr.DataTree:
 
 def _row(page: str, first: str) -> list[str]:
     """Cells of the first table row that begins with a word."""
-    found = re.search(rf"<tr><td>(?:<span[^>]*></span>)?{re.escape(first)}</td>.*?</tr>", page)
+    found = re.search(rf"<tr><td[^>]*>(?:<span[^>]*></span>)?{re.escape(first)}</td>.*?</tr>", page)
     assert found
-    return [re.sub("<.*?>", "", cell) for cell in re.findall("<td>(.*?)</td>", found.group(0))]
+    return [re.sub("<.*?>", "", cell) for cell in re.findall("<td[^>]*>(.*?)</td>", found.group(0))]
 
 
 @pytest.mark.full
@@ -47,33 +47,33 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=[\"'](?!data:)", page)
     assert "<script>alert" not in page and "knee<b>" not in page
     assert "hmc &lt;script&gt;alert(1)" in page and "knee&lt;b&gt;.X" in page
-    for heading in ("Who wins", "Who wins where", "Variance against time", "Error and coverage", "What was run"):
+    for heading in ("Results", "Winners by coordinate", "Variance against time", "Error and coverage", "Settings"):
         assert f"<h2>{heading}</h2>" in page
 
 
 @pytest.mark.full
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
-    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
-    assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
+    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 7
+    assert _row(page, "wrong").count("–") == 2, "rejection and R-hat; no run has an evidence"
     tau = data_of(page, "charts-data")["heat"]["inefficiency factor τ"]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
     assert tau["data"][3]["name"] == "wrong (miscalibrated)"
     told = [note["text"] for note in tau["layout"]["annotations"] if note["xref"] == "x3 domain"]
     assert told == ["●", "kalman", "closed form: no Monte Carlo error"]
     texts = [found.text for found in findings(comparison)]
-    assert any(text.startswith("quick has the most effective draws a second") for text in texts)
-    assert any(text.startswith("A wrong posterior") and "wrong (" in text for text in texts)
+    assert any(text.startswith("quick has the highest ESS per second") for text in texts)
+    assert any(text.startswith("Wrong posterior") and "wrong (" in text for text in texts)
     assert any(text.startswith("kalman is a closed form") for text in texts)
 
 
 @pytest.mark.parametrize(
     ("share", "error", "words"),
     [
-        (0.83, 0.02, "warning: Over-confident, 90 % intervals cover less of the truth: quick (83 ± 2 %)."),
-        (0.96, 0.02, "warning: Under-confident, 90 % intervals cover more of the truth: quick (96 ± 2 %)."),
-        (0.89, 0.02, "info: 90 % intervals are calibrated: quick (89 ± 2 %)."),
-        (0.85, 0.06, "info: 90 % intervals may be calibrated, but the sequence is too short to tell: quick (85 ± 6 %)."),
+        (0.83, 0.02, "warning: Overconfident; coverage of 90 % intervals: quick (83 ± 2 %)."),
+        (0.96, 0.02, "warning: Underconfident; coverage of 90 % intervals: quick (96 ± 2 %)."),
+        (0.89, 0.02, "info: Calibrated; coverage of 90 % intervals: quick (89 ± 2 %)."),
+        (0.85, 0.06, "info: The sequence is too short to decide on calibration; coverage of 90 % intervals: quick (85 ± 6 %)."),
     ],
 )
 def test_runs_are_told_by_what_their_intervals_cover(comparison: xr.DataTree, share: float, error: float, words: str) -> None:
@@ -113,7 +113,7 @@ def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) ->
     result = compare(closed)
     assert comparison_charts(result) == {"heat": {}, "variance": {}}
     page = comparison_html(result)
-    assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
+    assert "No winner" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
 
 
 @pytest.mark.full

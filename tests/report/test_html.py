@@ -21,7 +21,7 @@ def test_one_file_without_a_network(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=[\"'](?!data:)", page)
     assert "Plotly" in page
-    for heading in ("Verdicts", "Poses", "Error and coverage", "Mixing", "Coordinates", "What was run"):
+    for heading in ("Verdicts", "Poses", "Error and coverage", "Mixing", "Coordinates", "Settings"):
         assert f"<h2>{heading}</h2>" in page
 
 
@@ -38,7 +38,7 @@ def test_provenance_and_verdicts_are_told() -> None:
     page = report_html(synthetic_result(truth_scale=2.5, num_frames=40))
     assert "poseppl_models.synthetic:stick" in page
     assert "settings · num chains" in page
-    assert "over-confident" in page
+    assert "overconfident" in page
 
 
 @pytest.mark.full

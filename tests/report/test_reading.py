@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,21 @@ for (const text of document.querySelectorAll('.main-svg text')) {
 if (document.documentElement.scrollWidth > wide) found.push(['page', document.documentElement.scrollWidth, wide]);
 return found;
 """
+_BROKEN = """
+const found = [], range = document.createRange();
+for (const place of document.querySelectorAll('h1, h2, h3, th, .note, .card span, .settings td:first-child')) {
+  const walker = document.createTreeWalker(place, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) for (const word of walker.currentNode.data.matchAll(/[A-Za-z]{1,20}/g)) {
+    range.setStart(walker.currentNode, word.index);
+    range.setEnd(walker.currentNode, word.index + word[0].length);
+    if (new Set([...range.getClientRects()].map((box) => box.top)).size > 1) found.push(word[0]);
+  }
+}
+return found;
+"""
+"""Words that a line ends within."""
+_HIDDEN = "return [...document.querySelectorAll('.scroll')].filter((e) => e.scrollHeight > e.clientHeight + 1).length"
+_NARROWED = "document.querySelectorAll('th, h2').forEach((e) => { e.style.width = '20px'; e.style.overflowWrap = 'anywhere'; })"
 _KEY = "document.body.dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], shiftKey: arguments[1], bubbles: true}))"
 _FRAME = "return document.getElementById('frame').textContent"
 _NAMES = "return document.getElementById('space').data.map((trace) => trace.name)"
@@ -35,7 +51,9 @@ _NAMES = "return document.getElementById('space').data.map((trace) => trace.name
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(room_result(24, flesh=True), path)
+    tree = room_result(24, flesh=True)
+    tree.attrs["input"] = json.dumps(", ".join(f"/a/folder/of/recordings/with/a/long/name/camera_0{k}/json" for k in (1, 2)))
+    write_report(tree, path)
     return path
 
 
@@ -57,6 +75,17 @@ def test_no_label_leaves_the_page(driver: Any, report: Path, width: int, scheme:
     driver.execute_script("document.querySelector('#chart-residuals .xtitle').setAttribute('x', arguments[0])", width)
     assert driver.execute_script(_OUTSIDE) != [], "a label outside would be found"
     assert errors(driver) == []
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("width", [1280, 390])
+def test_no_word_is_broken_and_no_row_hidden(driver: Any, report: Path, width: int) -> None:
+    _screen(driver, width, "light")
+    open_page(driver, report)
+    assert driver.execute_script(_BROKEN) == [] and driver.execute_script(_HIDDEN) == 0
+    assert driver.execute_script("return document.querySelector('h1').textContent") == "camera_01/json, camera_02/json"
+    driver.execute_script(_NARROWED)
+    assert driver.execute_script(_BROKEN) != [], "a broken word would be found"
 
 
 @pytest.mark.full

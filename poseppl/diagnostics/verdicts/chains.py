@@ -92,9 +92,9 @@ def mixing(tree: xr.DataTree) -> Findings:
     if low.any():
         least = f"{np.nanmin(ess):.1f}, {names[np.nanargmin(np.fmin.reduce(ess))]}"
         text = f"ESS below {ESS_LOW:.0f} in {where(tree, low)} (least {least})"
-        yield Verdict(WARNING, f"{text}: means and intervals are rough; raise {more}.")
+        yield Verdict(WARNING, f"{text}: means and intervals are imprecise; raise {more}.")
     if np.isnan(tau).all():
-        yield Verdict(WARNING, f"Mixing cannot be judged: too few draws a chain; raise {more}, or --max-draws.")
+        yield Verdict(WARNING, f"Mixing cannot be judged, for there are too few draws per chain; raise {more}, or --max-draws.")
 
 
 def agreement(tree: xr.DataTree) -> Findings:
@@ -128,4 +128,4 @@ def rejection(tree: xr.DataTree) -> Findings:
         severity = ERROR if np.nanmean(rate) > REJECTION_HIGH else WARNING
         yield Verdict(severity, f"{text}; {_smaller_steps(tree)}.")
     if np.nanmean(rate) < REJECTION_LOW:
-        yield Verdict(INFO, "Hardly a proposal is rejected: larger steps would save time.")
+        yield Verdict(INFO, "Fewer than 1 % of the proposals are rejected: larger steps would save time.")

@@ -18,21 +18,21 @@ from poseppl.diagnostics.verdicts.verdict import Findings
 LEVEL = 0.9
 MAX_NAMED = 8
 _KINDS = {
-    "wrong": Verdict(ERROR, "A wrong posterior, left out where effective draws are counted; 90 % intervals cover so little"),
-    "over-confident": Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth"),
-    "under-confident": Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth"),
-    "calibrated": Verdict(INFO, "90 % intervals are calibrated"),
-    "undecided": Verdict(INFO, "90 % intervals may be calibrated, but the sequence is too short to tell"),
+    "wrong": Verdict(ERROR, "Wrong posterior, excluded from comparisons of ESS; coverage of 90 % intervals"),
+    "over-confident": Verdict(WARNING, "Overconfident; coverage of 90 % intervals"),
+    "under-confident": Verdict(WARNING, "Underconfident; coverage of 90 % intervals"),
+    "calibrated": Verdict(INFO, "Calibrated; coverage of 90 % intervals"),
+    "undecided": Verdict(INFO, "The sequence is too short to decide on calibration; coverage of 90 % intervals"),
 }
 _TITLES = {
-    "ess_per_second": "Effective draws a second",
-    "ess_per_evaluation": "Effective draws an evaluation",
+    "ess_per_second": "ESS per second",
+    "ess_per_evaluation": "ESS per evaluation",
     "error": "Error",
 }
 _BEST = {
-    "ess_per_second": "has the most effective draws a second",
-    "ess_per_evaluation": "has the most effective draws for its evaluations of likelihood and gradient",
-    "error": "has the least error",
+    "ess_per_second": "has the highest ESS per second",
+    "ess_per_evaluation": "has the highest ESS per evaluation of likelihood or gradient",
+    "error": "has the smallest error",
 }
 
 
@@ -64,14 +64,14 @@ def _evidence(tree: xr.DataTree) -> Findings:
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
         behind, level = words_of(beyond), words_of(known & ~beyond & (np.arange(len(names)) != best))
-        parts = [f"above {behind} beyond Monte Carlo noise"] if behind else []
-        parts += [f"no further from {level} than noise allows"] if level else []
+        parts = [f"significantly above {behind}"] if behind else []
+        parts += [f"not significantly above {level}"] if level else []
         yield Verdict(INFO, f"The log evidence of {names[best]} is the largest, {', '.join(parts)}.")
     unknown, seekers = words_of(np.isfinite(total) & ~known), words_of(data["source"].values == NONE)
     if unknown:
-        yield Verdict(INFO, f"Monte Carlo error of the log evidence of {unknown} not known: run three seeds or more.")
+        yield Verdict(INFO, f"The Monte Carlo error of the log evidence of {unknown} is unknown: run three seeds or more.")
     if seekers:
-        yield Verdict(INFO, f"No evidence from {seekers}: a smoother or a filter that seeks a mode has none.")
+        yield Verdict(INFO, f"No evidence from {seekers}: smoothers and mode-seeking filters have none.")
 
 
 def words(names: list[str]) -> str:
@@ -96,10 +96,10 @@ def _winners(tree: xr.DataTree) -> list[Verdict]:
         if not winner:
             continue
         if winner == TIE:
-            texts.append(f"{_TITLES[quantity]}: {words(leaders)} tie, to within the Monte Carlo error.{_where(tree, quantity)}")
+            texts.append(f"{_TITLES[quantity]}: {words(leaders)} tie within the Monte Carlo error.{_where(tree, quantity)}")
         else:
             texts.append(f"{winner} {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
-    nobody = "Nobody wins: fewer than two runs have figures that can be held against each other."
+    nobody = "No winner: fewer than two runs have figures that can be compared."
     return [Verdict(INFO, text) for text in texts or [nobody]]
 
 
@@ -108,8 +108,8 @@ def _other_cameras(tree: xr.DataTree) -> Findings:
     names = json.loads(tree.attrs.get("other_cameras", "[]"))
     if names:
         first = tree["figures"].dataset["run"].values[0]
-        text = f"Other cameras than those of {first} saw the same motion: {words(names)}."
-        yield Verdict(INFO, f"{text} Errors and coverage compare; effective draws are of different posteriors.")
+        text = f"Other cameras than in {first}, but the same motion: {words(names)}."
+        yield Verdict(INFO, f"{text} Errors and coverage can be compared; ESS cannot, for the posteriors differ.")
 
 
 def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
@@ -121,9 +121,9 @@ def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
     found = [float(row[name].sel(run=after)) for name in ("ratio", "ratio_low", "ratio_high")]
     if quantity == "error":
         percent = [100 * value for value in found]
-        return f", {percent[0]:.0f} % of that of {after} ({percent[1]:.0f} to {percent[2]:.0f} %), the next"
+        return f", {percent[0]:.0f} % of that of {after} ({percent[1]:.0f} to {percent[2]:.0f} %), the second best"
     times = [1 / value for value in found]
-    return f", {times[0]:.3g} times ({times[2]:.3g} to {times[1]:.3g}) those of {after}, the next"
+    return f", {times[0]:.3g} times ({times[2]:.3g} to {times[1]:.3g}) that of {after}, the second best"
 
 
 def _where(tree: xr.DataTree, quantity: str) -> str:
@@ -133,7 +133,7 @@ def _where(tree: xr.DataTree, quantity: str) -> str:
         return ""
     parts = [f"{name} wins in {count}" for name, count in counts.items() if name != TIE]
     if list(counts) == [TIE]:
-        return " In no coordinate does anyone win."
+        return " No run wins a coordinate."
     if TIE in counts:
         parts.append(f"{counts[TIE]} {'are ties' if counts[TIE] > 1 else 'is a tie'}")
     return f" Of {total} coordinates, {words(parts)}."
@@ -159,7 +159,7 @@ def _agreement(tree: xr.DataTree) -> Findings:
         share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
         if share > RHAT_SHARE:
             found.append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
-    start = f"Chains disagree and ESS is rough, R-hat above {RHAT_HIGH} in so many frames and coordinates"
+    start = f"Chains disagree and ESS is imprecise; share of frames and coordinates with R-hat above {RHAT_HIGH}"
     if found:
         yield Verdict(WARNING, f"{start}: {words(found)}.")
 
@@ -169,4 +169,4 @@ def _closed_form(tree: xr.DataTree) -> Findings:
     names = figures["run"].values[figures["kind"].values == FORMULA].tolist()
     if names:
         form = "are closed forms" if len(names) > 1 else "is a closed form"
-        yield Verdict(INFO, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")
+        yield Verdict(INFO, f"{words(names)} {form}, without Monte Carlo error: there is no τ and no ESS.")

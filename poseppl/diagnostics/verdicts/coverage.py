@@ -58,19 +58,19 @@ def coverage(tree: xr.DataTree) -> Findings:
 
 def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdict:
     kind = calibration(share, error)
-    text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
+    text = f"The coverage of 90 % intervals of {what} is {100 * share:.0f} % (± {100 * error:.0f})"
     if kind == "over-confident":
         wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
-        places = "take --markers learned, " if _markers_may_be_learned(tree) else ""
+        places = "use --markers learned, " if _markers_may_be_learned(tree) else ""
         more = settings_among(tree, "num_updates", "num_draws", "num_particles")
-        advice = f"over-confident, intervals are too narrow{_of_body(tree, what)}: {places}raise --noise, {wider}, or {more}"
+        advice = f"overconfident, intervals are too narrow{_of_body(tree, what)}: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident" and share <= WIDE:
-        return Verdict(INFO, f"{text}: somewhat wider than they need to be.")
+        return Verdict(INFO, f"{text}: slightly too wide.")
     if kind == "under-confident":
         narrower = of_walk(tree, "lower --sigma-angle or --sigma-position")
-        return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")
-    tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
+        return Verdict(WARNING, f"{text}: underconfident, intervals are too wide: lower --noise, or {narrower}.")
+    tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to decide"
     return Verdict(INFO, f"{text}: {tail}.")
 
 
@@ -79,7 +79,7 @@ def _of_body(tree: xr.DataTree, what: str) -> str:
     residual = provenance(tree).get("residual_mm")
     if what != "joints" or not isinstance(residual, int | float) or residual < 0.1:
         return ""
-    return f" (they leave out that the body differs from the recording by {residual:.1f} mm)"
+    return f" (they ignore that the body differs from the recording by {residual:.1f} mm)"
 
 
 def _markers_may_be_learned(tree: xr.DataTree) -> bool:
@@ -104,11 +104,11 @@ def forecasts(tree: xr.DataTree) -> Findings:
         by_lead, leads = here["coverage"].values, here["lead"].values
         worst = int(np.nanargmax(np.abs(by_lead - LEVEL)))
         text = (
-            f"90 % intervals of forecasts of {site}, {leads[0]} to {leads[-1]} frames ahead, hold {100 * share:.0f} % "
-            f"(± {100 * error:.0f}) of the data that came ({100 * by_lead[worst]:.0f} % {leads[worst]} ahead)"
+            f"The coverage of 90 % intervals of forecasts of {site}, {leads[0]} to {leads[-1]} frames ahead, is "
+            f"{100 * share:.0f} % (± {100 * error:.0f}; {100 * by_lead[worst]:.0f} % at {leads[worst]} frames)"
         )
         if kind == "over-confident":
             severity = ERROR if share < COVERAGE_ERROR else WARNING
-            yield Verdict(severity, f"{text}: the filter or the model's transition claims to know too much.")
+            yield Verdict(severity, f"{text}: the filter or the model's transition is overconfident.")
         else:
-            yield Verdict(WARNING, f"{text}: the model's transition or noise is wider than the data need.")
+            yield Verdict(WARNING, f"{text}: the variance of the model's transition or noise is too large.")

@@ -24,13 +24,17 @@ LOW_SHARE = 0.1
 
 
 def mode_seeking(tree: xr.DataTree) -> Findings:
-    """Particles that a seeker of modes has gathered, whose spread tells nothing, whatever the data."""
+    """Results of optimizers, whose spread means nothing: of mode-seeking filters, and most probable trajectories."""
+    if provenance(tree).get("optimizer"):
+        text = "The smoother returns one trajectory, the most probable one: its standard deviations and intervals mean nothing"
+        yield Verdict(WARNING, f"{text}. For these, use another smoother (poseppl smoothers).")
+        return
     if not _seeks_mode(tree):
         yield from [] if is_weighted(tree) else [not_run()]
         return
     others = ["--set target=posterior"] if "target" in told(tree, "settings") else suited_filter(tree)
-    advice = f": for these, use {others[0]}" if others else ""
-    text = "The filter seeks a mode and does not sample the posterior, so that intervals and standard deviations mean nothing"
+    advice = f". For these, use {others[0]}" if others else ""
+    text = "The filter seeks a mode and does not sample the posterior: its standard deviations and intervals mean nothing"
     yield Verdict(ERROR, f"{text}{advice}.")
 
 

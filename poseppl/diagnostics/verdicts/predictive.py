@@ -12,6 +12,7 @@ from poseppl.diagnostics.few_points import few_points_inflation
 from poseppl.diagnostics.predictive import PredictiveFigures, farthest_stretch, implied_coverage, predictive_figures
 from poseppl.diagnostics.smoothing import fits_model
 from poseppl.diagnostics.unreached import unreached_figures
+from poseppl.diagnostics.verdicts.coverage import Calibration, calibration
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR,
@@ -33,16 +34,24 @@ INFLATION_HIGH = 1.4
 CHANCE_LOW = 0.025
 """Chance of innovations as large as these, below which they are more than chance: one side of a 95 % interval."""
 INFLATION_LOW = 0.5
-OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter, or widen the model's noise or transition."
-UNDER_CONFIDENT = "Under-confident predictions"
+OVER_CONFIDENT = (
+    "Overconfident: use more particles or chains, another filter, or a larger noise or transition variance in the model."
+)
+UNDER_CONFIDENT = "Underconfident predictions"
 OUTER_LOW = 0.02
 """Share of the data in the outer 10 % of their predictions, below which these are too wide."""
-NOT_OF_STATES = "This judges the data, not the states (coordinates, joints)."
+NOT_OF_STATES = "This is about the data, not about the states (coordinates, joints)."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
 UNCHECKED = "no predictive checks"
-NOT_CHECKED = "infer(..., predict=poseppl.predictive_checks(model)) does"
+_SHAPES: dict[Calibration, str] = {
+    "over-confident": "overconfident, with higher bars at both ends",
+    "under-confident": "underconfident, with a hump in the middle",
+    "calibrated": "calibrated, with equal bars within their errors",
+    "undecided": "compatible with 90 %, but the sequence is too short to decide",
+}
+NOT_CHECKED = "infer(..., predict=poseppl.predictive_checks(model))"
 
 
 def prediction(tree: xr.DataTree) -> Findings:
@@ -54,7 +63,7 @@ def prediction(tree: xr.DataTree) -> Findings:
     elif checks is None:
         yield not_run(UNCHECKED)
         if "smoother" not in known and statistic(tree, "log_evidence") is not None:
-            yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
+            yield Verdict(INFO, f"The filter's predictions were not checked. To check them: {NOT_CHECKED}.")
     else:
         yield from _of_checks(tree, checks)
 
@@ -68,7 +77,20 @@ def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
     # a smoother that is not bound to the filter's particles may be right where the filter is not
     for each in found:
         severity = WARNING if each.severity == ERROR and fits_model(tree) else each.severity
-        yield Verdict(severity, f"Of the filter that was smoothed: {each.text}")
+        yield Verdict(severity, f"Filter before smoothing: {each.text}")
+
+
+def rank_test(tree: xr.DataTree) -> str:
+    """What the data's ranks among their predictions say, by the coverage of prediction intervals; none without such checks."""
+    checks = prediction_of(tree)
+    if checks is None:
+        return ""
+    figures = predictive_figures(checks.data)
+    share, reach = 1 - figures.outer.estimate, figures.outer.half_width
+    if not np.isfinite(reach):
+        return "There are too few frames to judge the shape."
+    text = f"The coverage of 90 % prediction intervals is {100 * share:.0f} % (± {100 * figures.outer.standard_error:.0f})"
+    return " ".join([f"{text}: {_SHAPES[calibration(share, reach / 2)]}.", *(each.text for each in _bias(figures))])
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
@@ -101,15 +123,21 @@ def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = Non
     squares = figures.by_squares  # the innovations' sizes may not allow it: smooth motion alone makes neighbours alike, too
     if found > INFLATION_HIGH and beyond_chance and not squares.estimate + squares.half_width < INFLATION_HIGH:
         share = implied_coverage(found)
-        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals of these cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
+        return [
+            Verdict(ERROR, f"{_words(figures)}; the coverage of 90 % intervals is about {100 * share:.0f} %. {OVER_CONFIDENT}")
+        ]
     if figures.by_chi_square.estimate > INFLATION_HIGH and figures.chance < CHANCE_LOW:
         return [Verdict(ERROR, _of_whole_frames(figures, prediction, frames))]
+    return _bias(figures) or _too_wide(figures)
+
+
+def _bias(figures: PredictiveFigures) -> list[Verdict]:
+    """Data that are nearly always on one side of their predicted median."""
     high = figures.high
-    if abs(high.estimate - 0.5) > BIAS_HIGH + high.half_width:
-        side, share = ("above", high.estimate) if high.estimate > 0.5 else ("below", 1 - high.estimate)
-        text = f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased."
-        return [Verdict(WARNING, text)]
-    return _too_wide(figures)
+    if not abs(high.estimate - 0.5) > BIAS_HIGH + high.half_width:
+        return []
+    side, share = ("above", high.estimate) if high.estimate > 0.5 else ("below", 1 - high.estimate)
+    return [Verdict(WARNING, f"{100 * share:.0f} % of the data are {side} the predicted median: the predictions are biased.")]
 
 
 def _too_wide(figures: PredictiveFigures) -> list[Verdict]:
@@ -121,12 +149,12 @@ def _too_wide(figures: PredictiveFigures) -> list[Verdict]:
     if not nearly_all and not found + reach < INFLATION_LOW:
         return []
     if alike:
-        cause = "The noise is wider than the data need, or errors are autocorrelated (motion steadier than the transition)"
+        cause = "The noise is too large, or errors are autocorrelated (the motion is steadier than the transition)"
     else:
-        cause = f"The transition {'is' if unlike else 'and the noise are'} wider than the data need"
+        cause = f"The transition variance {'is' if unlike else 'and the noise are'} too large"
     severity = INFO if (alike or unlike) and not nearly_all else WARNING
-    text = f"{UNDER_CONFIDENT}: 90 % intervals of the data, one frame ahead, cover {100 * (1 - outer):.0f} % of them. {cause}."
-    return [Verdict(severity, f"{text} {NOT_OF_STATES}")]
+    text = f"{UNDER_CONFIDENT}: the coverage of 90 % intervals of the data, one frame ahead, is {100 * (1 - outer):.0f} %"
+    return [Verdict(severity, f"{text}. {cause}. {NOT_OF_STATES}")]
 
 
 def _words(figures: PredictiveFigures) -> str:
@@ -134,7 +162,7 @@ def _words(figures: PredictiveFigures) -> str:
     outer = 100 * figures.outer.estimate
     return (
         f"The data say that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance that the filter "
-        f"claims ({outer:.0f} % of the data in the outer 10 % of their predictions)"
+        f"reports ({outer:.0f} % of the data are in the outer 10 % of their predictions)"
     )
 
 
@@ -144,8 +172,8 @@ def _of_whole_frames(figures: PredictiveFigures, prediction: DataPrediction, fra
     found, error, _ = figures.by_chi_square
     return (
         f"The data say of whole frames that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance "
-        f"that the filter claims, most of all in frames {first} to {last} (p = {figures.chance:.1g}): it may have lost the "
-        f"mode that it should be in. {OVER_CONFIDENT}"
+        f"that the filter reports, mostly in frames {first} to {last} (p = {figures.chance:.1g}): it may follow a wrong "
+        f"mode. {OVER_CONFIDENT}"
     )
 
 
@@ -163,8 +191,8 @@ def few_points(tree: xr.DataTree) -> Findings:
         ways = [f"raise {settings_among(tree, 'num_chains')}", *(f"use {other}" for other in suited_filter(tree))]
         yield Verdict(
             ERROR,
-            f"{points} points carry the past from frame to frame: by their Monte Carlo error alone, 90 % intervals cover at "
-            f"most about {100 * np.mean(shares):.0f} %; {', or '.join(ways)}.",
+            f"{points} points carry the past from frame to frame: by their Monte Carlo error alone, the coverage of 90 % "
+            f"intervals is at most about {100 * np.mean(shares):.0f} %; {', or '.join(ways)}.",
         )
 
 
@@ -205,8 +233,8 @@ def check_unreached(
         Verdict(
             ERROR,
             f"In coordinates that the data hardly reach ({', '.join(names[i] for i in which[:MAX_NAMED])}{more}), errors have "
-            f"{found:.2g} ± {error:.1g} times the variance that the filter claims: it gives {100 * figures.lost:.0f} % of the "
-            f"predicted variance away in a frame, and data can tell {max(0.0, 100 * figures.explained):.0f} %; 90 % intervals "
-            f"cover about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",
+            f"{found:.2g} ± {error:.1g} times the variance that the filter reports: the variance shrinks by "
+            f"{100 * figures.lost:.0f} % a frame, and data explain {max(0.0, 100 * figures.explained):.0f} %; the coverage of "
+            f"90 % intervals is about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",
         )
     ]

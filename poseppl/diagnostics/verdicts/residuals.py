@@ -37,8 +37,8 @@ def point_residuals(tree: xr.DataTree) -> Findings:
     errors, markers = image_errors(tree), names_of(tree, "marker")
     if errors is not None and errors.cameras and markers:
         if errors.left_out > MOST_LEFT_OUT:
-            share = f"in {100 * errors.left_out:.0f} % of the image points the posterior's spread hides the noise"
-            yield Verdict(INFO, f"The noise of the points is not judged by their residuals: {share}.")
+            share = f"for {100 * errors.left_out:.0f} % of the image points the posterior SD is larger than the noise"
+            yield Verdict(INFO, f"The noise of the image points cannot be judged by their residuals: {share}.")
         else:
             yield from _overall(tree, errors, markers)
             yield from _of_markers(errors, markers)
@@ -51,11 +51,11 @@ def one_camera(tree: xr.DataTree) -> Findings:
     """A detector's keypoints of a single camera, where intervals hold less than they say (benchmarks/one_camera.py)."""
     if in_one_camera(tree):
         known = provenance(tree)
-        mends = ["leave out --walk"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
-        mends += ["smooth by assumed-density"] if known.get("smoother") == "laplace" else []
+        mends = ["omit --walk"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
+        mends += ["smooth with assumed-density"] if known.get("smoother") == "laplace" else []
         if mends:
-            text = "One camera: joints tend to be nearer to it than they are, by more than intervals say"
-            yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or take another camera, too.")
+            text = "One camera: estimated joints tend to be too near to it, by more than the intervals say"
+            yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or add a camera.")
     else:
         yield not_run()
 
@@ -69,7 +69,7 @@ def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Find
             worst.insert(0, _largest(errors.scale((0, 2, 3)), errors.cameras))
         text += f" (worst {', '.join(worst)}{_without(errors)})"
         follows = of_walk(tree, "raise --sigma-angle and --sigma-position")
-        advice = f"raise --noise by that factor, mend calibration or lengths, or {follows}"
+        advice = f"raise --noise by that factor, correct the calibration or the lengths, or {follows}"
         yield Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")
     if scale < SCALE_LOW and high < 1 and not in_one_camera(tree):
         yield Verdict(WARNING, f"{text}: intervals are too wide; lower --noise by that factor.")
@@ -89,7 +89,7 @@ def _of_cameras(errors: ImageErrors) -> Findings:
             right, down = shift[i]
             said.append(f"off by ({right:+.3g}, {down:+.3g}) on average, {bias[i]:.1f} times their noise")
         severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
-        advice = "check its calibration (--camera, --calibration), its synchrony and who is in its points"
+        advice = "check its calibration (--camera, --calibration), its time offset, and that it shows the same person"
         yield Verdict(severity, f"Points of camera {errors.cameras[i]} are {', and '.join(said)}: {advice}.")
 
 
@@ -98,7 +98,7 @@ def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
     high = [i for i in np.argsort(-np.nan_to_num(scales)) if scales[i] > MARKER_HIGH]
     if 0 < len(high) <= len(markers) / 2:
         named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
-        advice = "the lengths (--stature, --model) or the detector's idea of them differ"
+        advice = "check the lengths (--stature, --model), and what the detector calls these joints"
         yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}: {advice}.")
 
 
@@ -116,7 +116,7 @@ def _interval(errors: ImageErrors) -> tuple[float, float, float]:
 def _without(errors: ImageErrors) -> str:
     """How many points the scale does not count."""
     share = 100 * errors.left_out
-    return f"; {share:.0f} % of them left out, whose spread hides their noise" if share >= 1 else ""
+    return f"; without the {share:.0f} % of points whose posterior SD is larger than their noise" if share >= 1 else ""
 
 
 def _mean(values: Floats, axes: tuple[int, ...]) -> Floats:

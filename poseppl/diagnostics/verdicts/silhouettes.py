@@ -32,12 +32,10 @@ def overlap(tree: xr.DataTree) -> Findings:
     low = np.flatnonzero(means < OVERLAP_LOW)
     if not len(low) and not frames.any():
         return
-    named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on the whole"
+    named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on average"
     worst = f", and below {OVERLAP_FRAME:g} in {where(tree, frames)}" if frames.any() else ""
     text = f"Body and silhouettes overlap too little ({named}; 1 is perfect{worst})"
-    advice = (
-        "others or furniture in the masks (--masks, --occlusion, --background), a wrong start (--facing) or size (--stature)"
-    )
+    advice = "check the masks for other people and furniture (--masks, --occlusion, --background), --facing and --stature"
     severity = ERROR if np.nanmin(means) < OVERLAP_ERROR or frames.mean() > 0.1 else WARNING
     yield Verdict(severity, f"{text}: {advice}.")
 
@@ -55,6 +53,6 @@ def silhouette_jumps(tree: xr.DataTree) -> Findings:
     cameras = names_of(tree, "camera")
     found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
     if found:
-        text = f"Silhouettes leap or change size at once in {', '.join(found)}"
-        advice = "they may have changed to another person; look at the overlay, and give --masks of one person"
+        text = f"Silhouettes jump or change size suddenly in {', '.join(found)}"
+        advice = "they may show another person; look at the overlay, and give --masks of one person"
         yield Verdict(WARNING, f"{text}: {advice}.")

@@ -26,31 +26,44 @@ def smoothing(tree: xr.DataTree) -> Findings:
     figures = smoothing_figures(tree)
     if not any(np.isfinite(figure.half_width) for figure in figures):
         yield not_run("no checks of the draws")
-    wrong = "the model is wrong, or the smoother missed the posterior"
+    wrong = "The model is wrong, or the smoother misses the posterior"
     if exceeds(figures.data, RESIDUAL_HIGH):
-        yield Verdict(ERROR, f"Data lie {_times(figures.data)} as far from the smoothed states as their noise allows: {wrong}.")
+        text = f"The data are {_times(figures.data)} as far from the smoothed states as their noise allows"
+        yield Verdict(ERROR, f"{text}. {wrong}.")
     if exceeds(figures.steps, STEPS_HIGH):
-        yield Verdict(ERROR, f"Smoothed states step {_times(figures.steps)} as far as the transition does: {wrong}.")
+        yield Verdict(ERROR, f"Steps of the smoothed states are {_times(figures.steps)} as large as the transition's. {wrong}.")
     elif figures.steps.estimate + figures.steps.half_width < STEPS_LOW:
-        text = f"Smoothed states step only {_times(figures.steps)} as far as the transition does"
-        yield Verdict(WARNING, f"{text}: draws that are too alike, or a transition that is wider than the data need.")
+        text = f"Steps of the smoothed states are only {_times(figures.steps)} as large as the transition's"
+        yield Verdict(WARNING, f"{text}. The draws are too similar, or the transition noise is too large for these data.")
     apart, reach = figures.distance.estimate, figures.distance.half_width
     if np.isfinite(reach) and abs(apart) > max(APART_HIGH, reach):
-        yield Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart))
+        yield Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart, formulas=_of_formulas(tree)))
 
 
-def _disagreement(apart: float) -> str:
-    """Words on means that lie at another distance than variances allow."""
-    by = f"than the variances of both allow, by {abs(apart):.2g} times the smoothed variance"
+def _of_formulas(tree: xr.DataTree) -> bool:
+    """Whether filter and smoother are closed forms, in which no draw can be to blame."""
+    known = provenance(tree)
+    return bool(known.get("closed form") and known.get("filter closed form"))
+
+
+def _disagreement(apart: float, *, formulas: bool) -> str:
+    """Words on means that differ more or less than their variances allow."""
+    by = f"than their variances allow ({'excess' if apart > 0 else 'deficit'} {abs(apart):.2g} times the smoothed variance)"
+    text = f"Smoothed and filtered means differ {'more' if apart > 0 else 'less'} {by}"
+    if formulas:
+        return (
+            f"{text}. Both are closed forms, without Monte Carlo error: the model does not describe the data (noise, "
+            "transition), or is too far from linear for these formulas."
+        )
     if apart > 0:
         return (
-            f"Smoothed means lie farther from the filtered ones {by}: they err by so much more than they claim, or smoothed "
-            "intervals are too wide. Use more particles or draws, another smoother, or a better filter."
+            f"{text}: the means have larger errors than the intervals say, or the smoothed intervals are too wide. Use more "
+            "particles or draws, another smoother, or another filter."
         )
     share = 100 * implied_coverage(1 - apart)
     return (
-        f"Smoothed means lie nearer to the filtered ones {by}: smoothed intervals are too narrow, and of 90 % cover about "
-        f"{share:.0f} %. Use more particles or draws, or another smoother."
+        f"{text}: the smoothed intervals are too narrow, and the coverage of 90 % intervals is about {share:.0f} %. Use more "
+        "particles or draws, or another smoother."
     )
 
 

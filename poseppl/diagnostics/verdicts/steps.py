@@ -105,10 +105,10 @@ def _scale(tree: xr.DataTree, steps: Steps, group: str) -> Findings:
     if scale > STEPS_HIGH:
         severity = ERROR if scale > STEPS_ERROR else WARNING
         wider = of_walk(tree, f"raise {_OPTIONS[group]}")
-        yield Verdict(severity, f"{text}: it cannot follow; {wider}, or check the frame rate.")
+        yield Verdict(severity, f"{text}: the filter lags behind; {wider}, or check the frame rate.")
     if scale < STEPS_LOW and "smoother" not in provenance(tree) and not in_one_camera(tree):
         lower = of_walk(tree, f"lower {_OPTIONS[group]}")
-        yield Verdict(WARNING, f"{text}: intervals are wide and means jitter; {lower}, or check the frame rate.")
+        yield Verdict(WARNING, f"{text}: intervals are too wide and means jitter; {lower}, or check the frame rate.")
 
 
 def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_]) -> Findings:
@@ -121,7 +121,7 @@ def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_])
     number = int(tree["posterior"].dataset["frame"].values[1:][frame])
     text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
     wider = of_walk(tree, f"raise {_OPTIONS[group]}")
-    advice = f"another person or side, or motion too quick: check the data there, or {wider}"
+    advice = f"another person, a left/right swap, or fast motion: check the data there, or {wider}"
     severity = ERROR if sizes.max() > LEAP_ERROR else WARNING
     yield Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")
 
@@ -136,7 +136,7 @@ def learned_prior(tree: xr.DataTree) -> Findings:
     if not other.any():
         return
     share = float(np.mean(other))
-    text = f"What was learned does not hold in {share:.0%} of the frames ({where(tree, other)}): there angles move at random"
+    text = f"The learned prior does not fit {share:.0%} of the frames ({where(tree, other)}): there the angles walk at random"
     if share <= OTHER_SHARE:
         yield Verdict(INFO, f"{text}.")
     else:

@@ -63,8 +63,8 @@ def check_updates(
     return [
         Verdict(
             ERROR,
-            f"{_CONTRADICTED}: errors add up to {found:.2g} times the variance that it claims, and 90 % intervals cover about "
-            f"{100 * covered:.0f} % or less; {_advice(others)}, or linearise less often or otherwise.",
+            f"{_CONTRADICTED}: errors have {found:.2g} times the variance that it reports, and the coverage of 90 % intervals "
+            f"is about {100 * covered:.0f} % or less; {_advice(others)}, or another linearisation.",
         )
     ]
 
@@ -87,13 +87,13 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
     return [
         Verdict(
             ERROR,
-            f"{_CONTRADICTED}: of that, 90 % intervals hold {100 * covered:.0f} ± {100 * error:.0f} %, as where it has several "
-            f"modes or is skewed; {_advice(others)}.",
+            f"{_CONTRADICTED}: the coverage of its 90 % intervals is {100 * covered:.0f} ± {100 * error:.0f} %, as for "
+            f"posteriors with several modes or skewness; {_advice(others)}.",
         )
     ]
 
 
-_CONTRADICTED = "The filter's posteriors are not what its own predictions and the data make, by importance sampling"
+_CONTRADICTED = "The filter's posteriors contradict its own predictions and the data, by importance sampling"
 
 
 def _advice(others: Sequence[str]) -> str:

@@ -17,8 +17,8 @@ def failures(tree: xr.DataTree) -> Findings:
     failed, evidence = statistic(tree, "failed"), statistic(tree, "log_evidence")
     broken = np.zeros(tree["posterior"].sizes["frame"], bool) if failed is None else failed > 0
     if broken.any():
-        text = f"Impossible data in {where(tree, broken)}"
-        yield Verdict(ERROR, f"{text}: no draw explains them, and the posterior there is the prior.")
+        text = f"Data with zero likelihood in {where(tree, broken)}"
+        yield Verdict(ERROR, f"{text}: no draw explains them, and the posterior there is the prediction.")
     if evidence is not None and (np.isneginf(evidence) & ~broken).any():
         yield Verdict(ERROR, f"The evidence is zero in {where(tree, np.isneginf(evidence) & ~broken)}.")
     empty = ~np.isfinite(flat_draws(tree).values).all(axis=(0, 1, 3))
@@ -48,4 +48,4 @@ def missing(tree: xr.DataTree) -> Findings:
         return
     text = f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction"
     severity = WARNING if blind.mean() > MISSING_HIGH else INFO
-    yield Verdict(severity, f"{text}; --frames chooses others.")
+    yield Verdict(severity, f"{text}. To choose other frames, use --frames.")

@@ -79,7 +79,7 @@ def where(tree: xr.DataTree, mask: ArrayLike) -> str:
 def of_walk(tree: xr.DataTree, advice: str) -> str:
     """Advice on the random walk's options, or what stands in its place where none of them is taken."""
     if array_of(tree, "inputs", "posture_mean") is not None:
-        return "take --walk learned or fixed"
+        return "use --walk learned or fixed"
     return _OTHER_PRIOR if provenance(tree).get("prior") else advice
 
 

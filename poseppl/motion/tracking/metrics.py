@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.run_figures import is_sampled
+
 
 class Metrics(NamedTuple):
     """Numbers of a run, each None where it does not apply.
@@ -53,7 +55,7 @@ def measure_run(tree: xr.DataTree) -> Metrics:
             return None
         return _finite(diagnostics[name].values[np.argmin(np.abs(diagnostics["level"].values - 0.9))])
 
-    tau = diagnostics["tau"].values if "tau" in diagnostics else np.array([np.nan])
+    tau = diagnostics["tau"].values if "tau" in diagnostics and is_sampled(tree) else np.array([np.nan])
     return Metrics(
         joint_error=mean("joint_error"),
         joint_error_relative=mean("joint_error_relative"),

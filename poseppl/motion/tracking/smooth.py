@@ -115,6 +115,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         "smoother": settings.method,
         "smoother settings": options,
         "errors": settings.errors,
+        "model of the filter": not lasting,
         "smoother seed": settings.seed,
         "versions": versions(),
     }

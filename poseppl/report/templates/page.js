@@ -66,10 +66,30 @@ const page = (function () {
     return { annotations: layout.annotations.map((note) => ({ ...note, font: { size, ...note.font, ...(narrow() ? { size } : {}) }, text: short(note.text) })) };
   }
 
+  // On a narrow page the panels of a grid stand one below the other.
+  function inOneColumn(layout) {
+    const names = Object.keys(layout).filter((key) => /^xaxis\d*$/.test(key) && layout[key].domain);
+    const columns = new Set(names.map((key) => layout[key].domain[0])).size;
+    if (!narrow() || columns < 2) return layout;
+    const gap = names.some((key) => layout[key].title?.text) ? 80 : 46, height = columns * layout.height, changed = { ...layout, height };
+    names.forEach((x, at) => {
+      const y = x.replace("xaxis", "yaxis"), domain = [1 - (at + 1) / names.length + gap / height, 1 - at / names.length];
+      Object.assign(changed, { [x]: { ...layout[x], domain: [0, 1] }, [y]: { ...layout[y], domain, showticklabels: true } });
+    });
+    return changed;
+  }
+
+  // Each name of a legend has a line of its own on a narrow page.
+  function tall(data, layout) {
+    const names = layout.showlegend === false ? 0 : data.filter((trace) => trace.showlegend !== false).length;
+    return narrow() && names > 4 && layout.height ? { height: layout.height + 19 * (names - 4) } : {};
+  }
+
   function draw(place, chart) {
     for (const trace of chart.data) if (trace.meta === "log10") trace.z = trace.customdata.map(logarithm);
     const behind = chart.data.some((trace) => trace.type === "heatmap") ? { plot_bgcolor: colors.missing } : {};
-    return Plotly.react(place, chart.data, Object.assign({ template: theme }, behind, chart.layout, fitted(place, chart.layout)), config);
+    const layout = inOneColumn(chart.layout);
+    return Plotly.react(place, chart.data, Object.assign({ template: theme }, behind, layout, fitted(place, layout), tall(chart.data, layout)), config);
   }
 
   // A chart is drawn where it has a place; one of several is chosen by its select.

@@ -116,7 +116,7 @@
       nticks: narrow() ? 3 : 5, tickfont: { size: 10 }, zeroline: false, showspikes: false,
     });
     const longest = Math.max(...high.map((value, k) => value - low[k])), [x, y, z] = high.map((value, k) => (value - low[k]) / longest);
-    const [ahead, away, above] = room ? [1.1, -1.5, 0.75] : [0.92, -1.78, 0.5], far = narrow() ? 1.3 : 1;
+    const [ahead, away, above] = room ? [1.1, -1.5, 0.75] : [0.92, -1.78, 0.5], far = narrow() ? 1.3 : 1.1;
     const camera = { eye: { x: far * ahead, y: far * away, z: far * above } };
     const scene = { uirevision: room ? "room" : "body", aspectmode: "manual", aspectratio: { x, y, z }, camera, xaxis: side(0, "x, mm"), yaxis: side(1, "y, mm"), zaxis: side(2, "z, mm") };
     draw("space", { data, layout: { uirevision: "keep", margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { x: 0, y: 1, orientation: "h" }, scene } });

@@ -82,7 +82,7 @@ def test_frames_of_other_motion_are_told(data_dir, learned):
     assert "explained" not in found["predictive"] and np.isfinite(found["predictive/innovation"].values).all()
     scales = found["inputs/step_scale"].values[0]
     assert (scales[:6] > 0).all() and (scales == 0).sum() == 22
-    assert any("What was learned does not hold in" in verdict.text for verdict in verdicts(found))
+    assert any("The learned prior does not fit" in verdict.text for verdict in verdicts(found))
 
 
 def test_what_a_prior_is_not_for(data_dir, learned):
