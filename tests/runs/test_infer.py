@@ -54,7 +54,11 @@ def test_what_was_not_checked_is_said():
         [found.text for found in poseppl.verdicts(poseppl.infer(POSED.model, data, filter, KEY, POSED.inputs, predict=checks))]
         for data, checks in ((VALUES, None), (VALUES, poseppl.predictive_checks(POSED.model)), (unseen, None))
     ]
-    assert [any("were not checked. To check them: infer(..., predict=" in text for text in told) for told in texts] == [True, False, True]
+    assert [any("were not checked. To check them: infer(..., predict=" in text for text in told) for told in texts] == [
+        True,
+        False,
+        True,
+    ]
     nothing = "Nothing was observed in any frame: the posterior is the prior."
     assert [nothing in told for told in texts] == [False, False, True]
 
