@@ -1,6 +1,6 @@
 """What a GPU is good for: wall seconds of work of many series or particles, and of one body, on whatever device JAX has.
 
-    python benchmarks/accelerator.py [--quick] [--repetitions 3] [--output accelerator]
+    python -m benchmarks.accelerator [--quick] [--repetitions 3] [--output accelerator]
 
 Run it once as it is and once with JAX_PLATFORMS=cpu in the same folder: rows of another device are kept. The median of runs
 after the first counts; the first, which compiles, stands beside it.
@@ -15,14 +15,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from kept_runs import read_runs
-from poseppl_models.linear_gaussian import linear_gaussian
-from timing import arguments, interleave, show, write_table
+from poseppl_models.toys.linear_gaussian import linear_gaussian
+from poseppl_papers.choo_fleet.systems import SIMULATED, noisy_points, pose_sequence, stage_of
+from poseppl_papers.peursum.growth_sets import growth_sets
+from poseppl_papers.tables import Table
 
 import poseppl
-from poseppl.experiments.choo_fleet.systems import SIMULATED, noisy_points, pose_sequence, stage_of
-from poseppl.experiments.peursum.growth_sets import growth_sets
-from poseppl.experiments.tables import Table
+from benchmarks.timing import arguments, interleave, show, write_table
+from studies.kept_runs import read_runs
 
 NAME = "accelerator"
 _COLUMNS = ("device", "job", "first", "seconds")

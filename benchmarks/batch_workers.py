@@ -1,6 +1,6 @@
 """How well `poseppl batch` uses its workers: one and two local processes, and a hundred workers of which each only waits.
 
-    python benchmarks/batch_workers.py [--quick] [--tables 12] [--frames 300] [--particles 20000] [--simulated 100] [--job 2]
+    python -m benchmarks.batch_workers [--quick] [--tables 12] [--frames 300] [--particles 20000] [--simulated 100] [--job 2]
 
 Local: TABLES tables (3 or more, or none: not at all) of FRAMES frames, a particle filter of PARTICLES; a first call
 compiles, and is not counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other
@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from timing import arguments
 
-from poseppl.experiments.jobs import Job, run_jobs
-from poseppl.experiments.jobs.cluster import Tasks
+from benchmarks.timing import arguments
+from poseppl.jobs import Job, run_jobs
+from poseppl.jobs.cluster import Tasks
 
 MODEL = """
 import numpyro
@@ -70,7 +70,7 @@ class Simulated:
         self.number, self.seconds = number, 0.0
 
     def outcomes(self, function: Any, jobs: Any, note: Any) -> Any:
-        """See `poseppl.experiments.jobs.Executor`; the start of the workers is not counted."""
+        """See `poseppl.jobs.Executor`; the start of the workers is not counted."""
         from distributed import Client, LocalCluster
 
         settings = {"processes": False, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}

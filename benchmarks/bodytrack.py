@@ -1,7 +1,7 @@
 """Evaluations a second of the bodytrack benchmark's likelihood, from every sample and from few, and what few samples cost.
 
-    NPROC=1 taskset -c 0 python benchmarks/bodytrack.py [--quick] [--data FOLDER]                one core, one device
-    XLA_FLAGS=--xla_force_host_platform_device_count=2 NPROC=1 python benchmarks/bodytrack.py    two, half the poses on each
+    NPROC=1 taskset -c 0 python -m benchmarks.bodytrack [--quick] [--data FOLDER]                one core, one device
+    XLA_FLAGS=--xla_force_host_platform_device_count=2 NPROC=1 python -m benchmarks.bodytrack    two, half the poses on each
 
 An evaluation is a pose of 31 coordinates in four cameras of 640 x 480. FOLDER (or $POSEPPL_DATA) holds the recordings. The C++
 figures are those of the benchmark's own tracker, published in NOTES.md beside its data: they are from a run on another machine
@@ -18,9 +18,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.bodytrack import benchmark_score
-from poseppl_models.bodytrack_files import Bodytrack, read_bodytrack
-from timing import interleave, show
+from poseppl_models.bodytrack.files import Bodytrack, read_bodytrack
+from poseppl_models.bodytrack.likelihood import benchmark_score
+
+from benchmarks.timing import interleave, show
 
 PUBLISHED = {1: 125_000, 2: 240_000}
 PARTICLES = 10_000

@@ -1,6 +1,6 @@
 """What each filter and smoother costs on the 28-DOF body: compilation, a run without it, and memory.
 
-    python benchmarks/compile_times.py [--quick] [--frames 5] [--only switching] [--output compile-times]
+    python -m benchmarks.compile_times [--quick] [--frames 5] [--only switching] [--output compile-times]
 
 Two cameras see the built-in walk. Every algorithm of `poseppl filters` and `poseppl smoothers` runs at its defaults in a
 process of its own, without a compile cache, one process at a time; the largest memory is that of the process, to be compared
@@ -23,14 +23,14 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from timing import arguments, peak_memory, show, write_table
+from poseppl_papers.provenance import read_folder
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.provenance import read_folder
-from poseppl.experiments.tables import Table
+from benchmarks.timing import arguments, peak_memory, show, write_table
 from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model
+from poseppl.motion.recordings.placing import camera_names, cameras_around
+from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
-from poseppl.motion.tracking.placing import camera_names, cameras_around
-from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.results import load_result, save_result
 

@@ -1,6 +1,6 @@
 """Inefficiency factors and R-hat of all frames and coordinates of a result beside ArviZ's functions, which loop over them.
 
-python benchmarks/diagnostics.py [--quick] [--frames 80] [--dofs 28]
+python -m benchmarks.diagnostics [--quick] [--frames 80] [--dofs 28]
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from arviz_stats.base import array_stats
 from scipy.signal import lfilter
-from timing import arguments, interleave, show
 
+from benchmarks.timing import arguments, interleave, show
 from poseppl.diagnostics import inefficiency, split_rhat
 
 SHAPES = {"4 chains of 250 draws": (4, 250), "20 chains of 50 draws": (20, 50)}

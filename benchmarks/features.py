@@ -1,6 +1,6 @@
 """Seconds a frame for the image features of four cameras of 640 x 480, and what each feature costs.
 
-    python benchmarks/features.py [--quick] [--data FOLDER]
+    python -m benchmarks.features [--quick] [--data FOLDER]
 
 The pictures are those of PARSEC's bodytrack where FOLDER (or $POSEPPL_DATA) holds them, with the person painted out for a
 background, or else drawn. The frame before is the same picture shifted by 2 px. The rival in the same run is OpenCV's own
@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from timing import interleave, show
 
+from benchmarks.timing import interleave, show
 from poseppl.motion.io import read_image
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.vision import (

@@ -1,6 +1,6 @@
 """What the NumPyro programs cost each filter: the same filter on the same model, its densities written by hand.
 
-    python benchmarks/filter_overhead.py [--quick]
+    python -m benchmarks.filter_overhead [--quick]
 
 The model is linear Gaussian in ten dimensions, 100 frames. Both sides are compiled alike, into one scan over the frames.
 """
@@ -14,9 +14,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
-from timing import arguments, interleave, show
+from poseppl_models.toys.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
 
+from benchmarks.timing import arguments, interleave, show
 from poseppl.filters import (
     Filter,
     annealed_filter,

@@ -1,6 +1,6 @@
 """Frames a second of the filters on the 28-DOF body, and what the HMC filter costs around the bare BlackJAX kernel.
 
-    python benchmarks/filters.py [--quick] [--frames 25]
+    python -m benchmarks.filters [--quick] [--frames 25]
 
 Every filter runs over the same simulated sequence in one scan; beside its rate stand the seconds of its first call (tracing and
 compilation included) and the largest memory of a process that ran it alone. The bare kernel makes the HMC filter's updates on
@@ -16,9 +16,9 @@ from typing import Any
 import blackjax
 import jax
 import jax.numpy as jnp
-from simulated import build_problem, draw_sequence
-from timing import arguments, interleave, peak_memory, show
 
+from benchmarks.simulated import build_problem, draw_sequence
+from benchmarks.timing import arguments, interleave, peak_memory, show
 from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
 from poseppl.kernels import HMCSettings, whitening
 from poseppl.program import CompiledModel, Observation

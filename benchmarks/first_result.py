@@ -1,6 +1,6 @@
 """How long the first result of a one-dimensional model takes, and what of it is compilation.
 
-    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 3] [--levels] [--checks]
+    python -m benchmarks.first_result [--quick] [--frames 50] [--turns 3] [--levels] [--checks]
         [--output first-results]
 
 A random walk that is drawn to its mean, seen with noise. Processor seconds of a new process without a compile cache, after the
@@ -22,10 +22,10 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import xarray as xr
-from timing import arguments, show, without_compile_cache, write_table
+from poseppl_papers.tables import Table
 
+from benchmarks.timing import arguments, show, without_compile_cache, write_table
 from poseppl import compilation, filters
-from poseppl.experiments.tables import Table
 from poseppl.program import StateSpaceModel
 from poseppl.runs.infer import infer
 from poseppl.runs.predictive import predictive_checks

@@ -1,6 +1,6 @@
 """One frame, its posterior known: the tempered filter beside BlackJAX's adaptive tempered SMC and persistent sampling.
 
-    python benchmarks/frame_samplers.py [--quick] [--repeats 50] [--output frame_samplers]
+    python -m benchmarks.frame_samplers [--quick] [--repeats 50] [--output frame_samplers]
 
 Frames are the banana of notebook 04, one three times thinner, and the first frame of high_dimension.py. All move by HMC, as
 often and as far as the tempered filter by default; it adapts the step size and the scale of each direction, BlackJAX's take one
@@ -20,18 +20,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from blackjax.smc.resampling import systematic
-from high_dimension import build, kalman
 from jax import Array
-from poseppl_models.banana import banana
-from poseppl_models.linear_gaussian import linear_gaussian_model
-from timing import arguments, show
+from poseppl_models.toys.banana import banana
+from poseppl_models.toys.linear_gaussian import linear_gaussian_model
+from poseppl_papers.tables import Table, write_csv
 
+from benchmarks.timing import arguments, show
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters import tempered_filter
 from poseppl.kernels import HMC_MOVES
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import draw_initial
+from studies.high_dimension import build, kalman
 
 STEP_SIZES = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 MOST = 100

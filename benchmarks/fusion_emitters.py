@@ -1,6 +1,6 @@
 """What XLA's fusion emitters for the CPU cost in compilation, and what they save in a run, by filter.
 
-    python benchmarks/fusion_emitters.py [--quick] [--frames 64] [--turns 3]
+    python -m benchmarks.fusion_emitters [--quick] [--frames 64] [--turns 3]
 
 Programs of at most 10,000 particles are compiled without them (`poseppl.compilation`). A camera sees the 28-DOF body; a
 filter runs in a process of its own, without a compile cache, with and without the emitters in turns. Seconds are of the
@@ -18,9 +18,9 @@ from multiprocessing import get_context
 from typing import Any
 
 import jax
-from simulated import build_problem, draw_sequence
-from timing import arguments, show, without_compile_cache
 
+from benchmarks.simulated import build_problem, draw_sequence
+from benchmarks.timing import arguments, show, without_compile_cache
 from poseppl import compilation
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.collectors import collect_draws

@@ -1,7 +1,7 @@
 """Speed of the published image likelihoods: evaluations a second with 3 cameras of 640 x 480.
 
-    python benchmarks/image_likelihoods.py             10,000 particles
-    python benchmarks/image_likelihoods.py --quick     a tiny number, to see that it runs
+    python -m benchmarks.image_likelihoods             10,000 particles
+    python -m benchmarks.image_likelihoods --quick     a tiny number, to see that it runs
 
 Peursum, Venkatesh and West (2010, section 7.3) needed 240 s a frame for 10,000 particles.
 """
@@ -13,21 +13,21 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.cone_body import ConeBody
-from poseppl_models.darby_body import darby_body
-from poseppl_models.darby_likelihood import darby_monocular_score, darby_score
-from poseppl_models.du_guan_body import du_guan_body
-from poseppl_models.du_guan_evidence import du_guan_evidence, pad_bins, part_colours
-from poseppl_models.du_guan_likelihood import du_guan_score
-from poseppl_models.image_program import ImageInputs, camera_likelihood
-from poseppl_models.peursum_body import peursum_body
-from poseppl_models.peursum_likelihood import peursum_score, smooth_peursum_score
-from poseppl_models.two_way_evidence import two_way_evidence
-from timing import arguments, interleave, show
+from poseppl_models.bodies.cone_body import ConeBody
+from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.darby.likelihood import darby_monocular_score, darby_score
+from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.du_guan.evidence import du_guan_evidence, pad_bins, part_colours
+from poseppl_models.du_guan.likelihood import du_guan_score
+from poseppl_models.images.image_program import ImageInputs, camera_likelihood
+from poseppl_models.images.silhouette_bits import body_bits, unpack_bits
+from poseppl_models.images.two_way_evidence import two_way_evidence
+from poseppl_models.peursum.cone_body import peursum_body
+from poseppl_models.peursum.likelihood import peursum_score, smooth_peursum_score
 
+from benchmarks.timing import arguments, interleave, show
 from poseppl.motion.geometry import Cameras, join_cameras, look_at
 from poseppl.motion.geometry.flesh import parts_of
-from poseppl.motion.geometry.silhouette_bits import body_bits, unpack_bits
 
 PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "overlap_scale": 1.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 STRIDE = 4

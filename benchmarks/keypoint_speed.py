@@ -1,6 +1,6 @@
 """How fast four cameras' keypoints become motion: seconds of a first run, which compiles, and of later ones.
 
-    POSEPPL_DATA=FOLDER python benchmarks/keypoint_speed.py [--quick] [--repetitions 3] [--output keypoint-speed]
+    POSEPPL_DATA=FOLDER python -m benchmarks.keypoint_speed [--quick] [--repetitions 3] [--output keypoint-speed]
 
 The man on a beam of pose2sim_balancing, 100 frames of 25 points of OpenPose in four cameras. Reading the files, finding the
 person and his sizes; the default filter, and the Kalman filter; the default smoother, of errors that last, after either, and
@@ -16,12 +16,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from keypoints import places_of, scene_of
-from timing import DATA, arguments, show, without_compile_cache, write_table
+from poseppl_papers.tables import Table
 
+from benchmarks.timing import DATA, arguments, show, without_compile_cache, write_table
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from studies.keypoints import places_of, scene_of
 
 NAME, FOLDER, CAMERAS = "keypoint_speed", "pose2sim_balancing", (1, 2, 3, 4)
 _COLUMNS = ("part", "first_seconds", "seconds", "error", "error_95")

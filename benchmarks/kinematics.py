@@ -1,6 +1,6 @@
 """Marker likelihoods and gradients a second, against 3x3 products, MuJoCo and MJX on the same tree in the same run.
 
-    python benchmarks/kinematics.py [--quick] [--mjx]
+    python -m benchmarks.kinematics [--quick] [--mjx]
 
 A likelihood is that of 17 markers of the 28-DOF body in one camera, float32. Gradients are those of a scan of leapfrog steps,
 as a tracker takes them. MuJoCo (`pip install mujoco`) does the kinematics alone, on one core, called from Python; MJX (`pip
@@ -15,10 +15,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from plain_kinematics import MJX, MuJoCo, plain_log_density
-from poseppl_models.choo_fleet import full_body
-from timing import arguments, interleave, show
+from poseppl_models.bodies.choo_fleet import full_body
 
+from benchmarks.plain_kinematics import MJX, MuJoCo, plain_log_density
+from benchmarks.timing import arguments, interleave, show
 from poseppl.motion.geometry import marker_positions, paper_camera
 from poseppl.motion.likelihoods import ProjectedMarkers
 

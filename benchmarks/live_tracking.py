@@ -1,6 +1,6 @@
 """What a frame takes live, as its files come, against the same frames in one go.
 
-    POSEPPL_DATA=FOLDER python benchmarks/live_tracking.py [--quick] [--frames 300] [--filters kalman,assumed-density]
+    POSEPPL_DATA=FOLDER python -m benchmarks.live_tracking [--quick] [--frames 300] [--filters kalman,assumed-density]
 
 Folders of four cameras with OpenPose's files of pose2sim_balancing, played forwards and backwards for so many frames, are there
 from the start, so that the reader never waits. `poseppl track --live` takes its first second (60 frames) as one; of each of the
@@ -22,14 +22,14 @@ from typing import Any
 
 import jax
 import numpy as np
-from timing import arguments, show
 
+from benchmarks.timing import arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.cli.live_table import LiveTable
 from poseppl.motion.io import read_calibration
 from poseppl.motion.io.growing_folders import GrowingFolders, KeypointFrame
+from poseppl.motion.keypoints.live import LiveTrack
 from poseppl.motion.tracking import TrackSettings
-from poseppl.motion.tracking.live import LiveTrack
 from poseppl.runs.run import run_filter
 
 RATE, FIRST, UNCOUNTED = 60.0, 60, 5

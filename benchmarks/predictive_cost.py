@@ -1,6 +1,6 @@
 """What do predictive checks cost a track? The built-in walk, with and without them, in turns.
 
-    python benchmarks/predictive_cost.py [--quick] [--filters assumed-density,kalman,particle] [--cameras 2]
+    python -m benchmarks.predictive_cost [--quick] [--filters assumed-density,kalman,particle] [--cameras 2]
         [--frames 60] [--runs 5]
 
 Seconds of compilation (without a cache) and of a run, by the clock and of the processor: medians over runs, of which the first,
@@ -15,10 +15,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-from timing import arguments, show, without_compile_cache
 
+from benchmarks.timing import arguments, show, without_compile_cache
+from poseppl.motion.recordings.placing import camera_names
 from poseppl.motion.tracking import make_problem, observe_motion, place_cameras, walking_subject
-from poseppl.motion.tracking.placing import camera_names
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.run import Run, run_filter

@@ -1,6 +1,6 @@
 """What it costs to write a model as NumPyro programs: densities and gradients against the same ones by hand.
 
-    python benchmarks/program_overhead.py [--quick]
+    python -m benchmarks.program_overhead [--quick]
 
 By hand means one array expression on the flat state. The likelihood is one site and the transition fourteen, one a joint, whose
 values are cut out of the flat state: what that costs shows at large N, where the hand's form is bound by memory alone.
@@ -14,9 +14,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from simulated import NOISE, SIGMA_ANGLE, SIGMA_POSITION, build_problem, draw_sequence
-from timing import arguments, interleave, show
 
+from benchmarks.simulated import NOISE, SIGMA_ANGLE, SIGMA_POSITION, build_problem, draw_sequence
+from benchmarks.timing import arguments, interleave, show
 from poseppl.motion.likelihoods import projected_log_density
 
 Density = Callable[[jax.Array], jax.Array]

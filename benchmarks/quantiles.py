@@ -1,6 +1,6 @@
 """The sorting network beside XLA's own sort: many columns, as a collector sorts them for each frame.
 
-python benchmarks/quantiles.py [--quick]
+python -m benchmarks.quantiles [--quick]
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from timing import arguments, interleave, show
 
+from benchmarks.timing import arguments, interleave, show
 from poseppl.particles.quantiles import sort_rows
 
 COLUMNS = 113

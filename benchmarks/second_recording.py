@@ -1,6 +1,6 @@
 """What the second recording of a session costs: people of other lengths share model, filter and compiled programs.
 
-    POSEPPL_DATA=FOLDER python benchmarks/second_recording.py [--frames 24]
+    POSEPPL_DATA=FOLDER python -m benchmarks.second_recording [--frames 24]
 
 Tracks walks of three people of the CMU database, one after the other, with the default filter and one camera; processor seconds
 of `track`, seconds of its compilation, and how many programs JAX compiled.
@@ -11,10 +11,10 @@ from __future__ import annotations
 import time
 
 from jax import monitoring
-from timing import DATA, arguments, show
 
+from benchmarks.timing import DATA, arguments, show
+from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.tracking import TrackSettings, observe_motion, recorded_subject, track
-from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """What the likelihood of silhouettes costs: its value, its gradient and its curvature, with and without edges.
 
     poseppl simulate --video --frames 0:2 --no-clutter -o room
-    python benchmarks/silhouettes.py [--quick] [--scene room] [--states 64]
+    python -m benchmarks.silhouettes [--quick] [--scene room] [--states 64]
 
 Evaluations a second of states around the truth, side by side, of all of the scene's cameras; ratios to the value in the same
 run. The gradient comes with the value; the curvature is J' R^-1 J of all residuals.
@@ -15,13 +15,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from timing import arguments, interleave, show
 
+from benchmarks.timing import arguments, interleave, show
 from poseppl.cli.console import start_jax
 from poseppl.motion.io import VideoWarning
+from poseppl.motion.silhouettes.frame import SilhouetteSettings
+from poseppl.motion.silhouettes.video_sources import see_silhouettes, sources_of_scene
 from poseppl.motion.tracking import make_problem
-from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
-from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.runs.run import frame_inputs
 
 

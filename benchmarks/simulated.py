@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.geometry import paper_camera

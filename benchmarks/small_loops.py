@@ -1,6 +1,6 @@
 """What it saves, and costs, that XLA makes one function of each loop over few bytes.
 
-    python benchmarks/small_loops.py [--quick] [--turns 3] [--frames 100] [--only particle]
+    python -m benchmarks.small_loops [--quick] [--turns 3] [--frames 100] [--only particle]
 
 On a CPU each operation of a loop is a task of its own, but for loops over less than 1,024 bytes; the command line asks for one
 function up to `poseppl.small_loops.SMALL` bytes. An algorithm runs in a process of its own, without a compile cache,
@@ -22,10 +22,10 @@ from typing import Any, cast
 
 import jax
 import numpy as np
-from poseppl_models.growth import growth
-from simulated import build_problem
-from timing import arguments, show, without_compile_cache
+from poseppl_models.toys.growth import growth
 
+from benchmarks.simulated import build_problem
+from benchmarks.timing import arguments, show, without_compile_cache
 from poseppl import small_loops
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.infer import infer, smooth

@@ -1,6 +1,6 @@
 """Time and error of the particle smoothers on the growth model, beside a hand-written forward-backward scan in the same run.
 
-    python benchmarks/smoothing.py [--quick] [--repetitions 20]
+    python -m benchmarks.smoothing [--quick] [--repetitions 20]
 
 T = 100 frames; filter and smoother are timed together, in turns. Beside the wall clock stands the processor time of the whole
 process, which counts the same on a busy machine. The error is the root mean square distance over the frames between the
@@ -17,9 +17,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from timing import arguments, show
+from poseppl_papers.peursum.growth_sets import Growth, Run, growth_sets, run_of
 
-from poseppl.experiments.peursum.growth_sets import Growth, Run, growth_sets, run_of
+from benchmarks.timing import arguments, show
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers import (
     History,

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
+from poseppl_papers.provenance import Kept, Provenance, write_folder
+from poseppl_papers.tables import Table
 from rich.console import Console
 from rich.table import Table as ShownTable
 
-from poseppl.experiments.jobs.versions import versions
-from poseppl.experiments.provenance import Kept, Provenance, write_folder
-from poseppl.experiments.tables import Table
+from poseppl.jobs.versions import versions
 
 DATA = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
 """The folder of the recordings."""
@@ -62,9 +62,9 @@ def peak_memory() -> float:
 
 
 def write_table(table: Table, folder: Path, runs: str, recordings: str, note: str = "") -> None:
-    """Write a table as it is kept in docs/tables, with the command that ran, today's date and the versions."""
+    """Write a table as it is kept in studies/tables, with the command that ran, today's date and the versions."""
     known = ", ".join(f"{name} {version}" for name, version in versions().items())
-    command = f"python benchmarks/{Path(sys.argv[0]).name}"
+    command = f"python -m {Path(sys.argv[0]).parent.name}.{Path(sys.argv[0]).stem}"
     made = Provenance(runs, recordings, datetime.now(UTC).date().isoformat(), known, command, note)
     write_folder(folder, {table.name: Kept(table, made)})
 

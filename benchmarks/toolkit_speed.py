@@ -1,6 +1,6 @@
 """Processor seconds of what the toolkit is measured by, each beside a rival in the same run.
 
-    python benchmarks/toolkit_speed.py [--quick] [--repetitions 3] [--output toolkit-speed]
+    python -m benchmarks.toolkit_speed [--quick] [--repetitions 3] [--output toolkit-speed]
 
 * 1,000 series of 200 frames in one call of `infer_batch`, beside a loop of `infer` over 20 of them (seconds a series): a level
   in one dimension, seen with noise.
@@ -20,13 +20,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.growth import VARIANCE, growth_mean
-from poseppl_models.linear_gaussian import linear_gaussian
-from timing import arguments, show, write_table
+from poseppl_models.toys.growth import VARIANCE, growth_mean
+from poseppl_models.toys.linear_gaussian import linear_gaussian
+from poseppl_papers.peursum.growth_sets import growth_sets, run_of
+from poseppl_papers.tables import Table
 
 import poseppl
-from poseppl.experiments.peursum.growth_sets import growth_sets, run_of
-from poseppl.experiments.tables import Table
+from benchmarks.timing import arguments, show, write_table
 from poseppl.smoothers import forward_backward_smoother, viterbi_smoother
 
 NAME = "toolkit_speed"

@@ -1,6 +1,6 @@
 """Whole-trajectory NUTS on the 28-DOF body: effective draws a second, beside NumPyro's NUTS on the same model with its scan.
 
-    python benchmarks/trajectory.py [--quick] [--frames 100] [--draws 250] [--warmup 250] [--chains 4] [--alone]
+    python -m benchmarks.trajectory [--quick] [--frames 100] [--draws 250] [--warmup 250] [--chains 4] [--alone]
 
 The body walks the built-in gait before one camera at 5 m. Ours starts from the history of the default tracker, and NumPyro's
 from trajectories drawn from it. Particle-mGRAD makes ten moves for each of the others' draws; --alone compares it with our NUTS
@@ -22,8 +22,8 @@ import numpyro.distributions as dist
 from arviz_stats.base import array_stats
 from numpyro.contrib.control_flow import scan
 from numpyro.infer import NUTS
-from timing import arguments, show
 
+from benchmarks.timing import arguments, show
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera

@@ -15,7 +15,7 @@ from io import BytesIO
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-_FOLDERS = ("poseppl", "models")
+_FOLDERS = ("poseppl", "models", "papers")
 _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
@@ -57,7 +57,7 @@ def compare_with(commit: str) -> None:
 def main() -> None:
     """Print a row for each package, the largest first, and their sum."""
     counts: dict[str, Counter[str]] = {}
-    for path in [*ROOT.glob("poseppl/**/*.py"), *ROOT.glob("models/**/*.py")]:
+    for path in [*ROOT.glob("poseppl/**/*.py"), *ROOT.glob("models/**/*.py"), *ROOT.glob("papers/**/*.py")]:
         parts = path.relative_to(ROOT).parts
         package = "/".join(parts[: min(len(parts) - 1, 3 if parts[1] in ("motion", "experiments") else 2)])
         source = path.read_text()

@@ -26,7 +26,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.growth import growth, growth_mean
+from poseppl_models.toys.growth import growth, growth_mean
 
 import poseppl
 from poseppl.filters import kalman_filter, particle_filter

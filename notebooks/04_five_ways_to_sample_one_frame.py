@@ -33,7 +33,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.banana import banana
+from poseppl_models.toys.banana import banana
 
 from poseppl.filters import annealed_filter, demc_filter, hmc_filter, particle_filter, tempered_filter
 from poseppl.kernels import HMCSettings

@@ -30,11 +30,10 @@
 
 # %%
 import numpy as np
-
-from poseppl.experiments.choo_fleet.figures import draw_tuning
-from poseppl.experiments.choo_fleet.tuning import TuningRuns, tune
-from poseppl.experiments.choo_fleet.tuning_tables import choose, tuning_tables
-from poseppl.experiments.recordings import BUILT_IN
+from poseppl_papers.choo_fleet.figures import draw_tuning
+from poseppl_papers.choo_fleet.tuning import TuningRuns, tune
+from poseppl_papers.choo_fleet.tuning_tables import choose, tuning_tables
+from poseppl_papers.recordings import BUILT_IN
 
 STEP_SIZES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 jobs = [TuningRuns(BUILT_IN, "lower_body", leapfrog, STEP_SIZES, 960 // leapfrog, 3) for leapfrog in (1, 5, 20)]

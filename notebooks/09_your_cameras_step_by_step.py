@@ -33,11 +33,11 @@ from poseppl.motion.io import read_cameras, write_cameras
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.trc import read_trc
+from poseppl.motion.keypoints.scene import scene_of_keypoints
+from poseppl.motion.recordings.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track, walking_subject
 from poseppl.motion.tracking.estimates import angle_estimates
 from poseppl.motion.tracking.export import export
-from poseppl.motion.tracking.keypoints import scene_of_keypoints
-from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.report import new_picture, plot_pose3d, save_picture
 
 
@@ -78,8 +78,8 @@ print((folder / "Calib.toml").read_text()[:170])
 # Run OpenPose, RTMPose or another detector on each video; for OpenPose
 # `openpose --video cam1.mp4 --write_json pose/cam1 --display 0`. What it finds is off by some pixels, in the same direction for
 # some frames, and now and then far off. Such errors are drawn here, of the model that the smoother assumes
-# (`poseppl_models.detected_points`): half of the variance lasts for half a second, the other half is Student-t with 4 degrees
-# of freedom; and one point in thirty is not found at all.
+# (`poseppl_models.bodies.detected_points`): half of the variance lasts for half a second, the other half is Student-t with 4
+# degrees of freedom; and one point in thirty is not found at all.
 
 # %%
 layout = LAYOUTS["body25"]

@@ -5,10 +5,10 @@ then off in the third digit, and moves that are whitened by them leave another d
 compiled here multiplies as a CPU does, whatever the device, unless the user has set ``jax_default_matmul_precision``.
 
 XLA's fusion emitters for the CPU take a third of the time that compilation takes, and whole runs are no faster for them
-(`python benchmarks/fusion_emitters.py`). A bare loop over 100,000 particles is, by half of its time (`python
+(`python -m benchmarks.fusion_emitters`). A bare loop over 100,000 particles is, by half of its time (`python
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
-optimisation makes runs as fast as its third, and takes less time (`python benchmarks/first_result.py --levels`). What runs once
+optimisation makes runs as fast as its third, and takes less time (`python -m benchmarks.first_result --levels`). What runs once
 a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas (`python
 benchmarks/compile_times.py` prints what they take to compile and to run). With JAX's option `jax_disable_most_optimizations`
 every program has level 0, whatever is chosen here: the tests compile in half of the time with it.

@@ -1,7 +1,7 @@
 """What a module of poseppl declares, read from its source without importing it: the command line checks words so, at once.
 
 A function has its arguments and its docstring, and returns nothing; a NamedTuple has its fields; a constant its value, if it
-is made of such. Other classes, and what comes from other packages than poseppl, ``typing``, ``collections`` and ``functools``,
+is made of such. Other classes, and what comes from other packages than ours, ``typing``, ``collections`` and ``functools``,
 are :class:`Foreign`.
 
 >>> chains = declared("poseppl.filters", "hmc_filter").__annotations__["settings"]
@@ -15,10 +15,11 @@ import ast
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-_ROOT = Path(__file__).parent
+_OURS = ("poseppl", "poseppl_papers")
 _READ = ("typing", "collections", "functools")
 
 
@@ -50,11 +51,21 @@ def names_declared(module: str) -> list[str]:
     return list(_declarations(module).names)
 
 
+@cache
+def _folder(package: str) -> Path:
+    """Where a package is, which is not imported."""
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(package)
+    return Path(spec.origin).parent
+
+
 class _Declarations:
     """The statements of a module by the names that they declare, each made when it is asked for."""
 
     def __init__(self, module: str) -> None:
-        path = _ROOT.joinpath(*module.split(".")[1:])
+        package, *rest = module.split(".")
+        path = _folder(package).joinpath(*rest)
         self._path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         self._made: dict[str, Any] = {"__name__": module}
         tree = ast.parse(self._path.read_text(encoding="utf-8"))
@@ -98,7 +109,7 @@ def _imported(name: str, statement: ast.Import | ast.ImportFrom) -> Any:
     place = (statement.module or "") if isinstance(statement, ast.ImportFrom) else ""
     (original,) = (each.name for each in statement.names if name == (each.asname or each.name))
     package = place.partition(".")[0]
-    if package == __name__.partition(".")[0]:
+    if package in _OURS:
         return declared(place, original)
     return getattr(import_module(place), original) if package in _READ else Foreign
 

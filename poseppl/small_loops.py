@@ -1,7 +1,7 @@
 """Loops over few bytes on a CPU: XLA may make one function of each, or run its operations as tasks of their own.
 
 It does the first below 1,024 bytes. A task for each operation costs filters of up to some 10,000 particles a fifth to a half of
-their time (`python benchmarks/small_loops.py`). XLA takes the limit from the environment variable XLA_FLAGS alone, when JAX
+their time (`python -m benchmarks.small_loops`). XLA takes the limit from the environment variable XLA_FLAGS alone, when JAX
 starts. The command line sets it. In Python it is the user's to set, before JAX is imported, for it holds of all that a process
 compiles:
 

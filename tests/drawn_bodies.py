@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from poseppl_models.choo_fleet import arm, full_body
+from poseppl_models.bodies.choo_fleet import arm, full_body
 
 from poseppl.runs.results import Names, build_result
 
@@ -27,7 +27,7 @@ def drawn_result(
         scale: (d,) standard deviations, mm and radians.
         frames: (T,) numbers.
         rate: Frames a second.
-        body_name: A builder of poseppl_models.choo_fleet.
+        body_name: A builder of poseppl_models.bodies.choo_fleet.
         num_draws: Of each frame.
     """
     body, rng = BUILDERS[body_name](), np.random.default_rng(3)
@@ -43,7 +43,7 @@ def drawn_result(
         frames=frames,
         rate=rate,
         attrs={
-            "model": f"poseppl_models.choo_fleet:{body_name}",
+            "model": f"poseppl_models.bodies.choo_fleet:{body_name}",
             "lengths": dict(body.lengths),
             "settings": {},
             "input": "made",

@@ -10,7 +10,7 @@ import pytest
 pytestmark = pytest.mark.full
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("tests", "tests/laws", "benchmarks", "docs")
+FOLDERS = ("tests", "tests/laws", ".", "docs")
 
 
 def modules(folder: Path) -> set[str]:

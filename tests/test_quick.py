@@ -20,7 +20,7 @@ import poseppl_models
 import pytest
 from catalogue import FILTERS, FilterRow, rows
 from oracles.kalman import kalman_filter, simulate
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from waiting import PATIENCE
 
 import poseppl
@@ -119,7 +119,7 @@ def test_the_packages_tell_type_checkers_that_they_are_typed(package: object) ->
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.runs.results", "poseppl_models.choo_fleet"])
+@pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.runs.results", "poseppl_models.bodies.choo_fleet"])
 def test_examples_in_docstrings_are_true(name: str) -> None:
     results = doctest.testmod(importlib.import_module(name))
     assert results.attempted > 0 and results.failed == 0
@@ -214,7 +214,7 @@ def test_frames_one_by_one_give_what_the_sequence_gives(row: FilterRow) -> None:
 
 @pytest.mark.full
 def test_kinematics_derivatives_are_those_of_differences() -> None:
-    tree = importlib.import_module("poseppl_models.choo_fleet").full_body().tree
+    tree = importlib.import_module("poseppl_models.bodies.choo_fleet").full_body().tree
     with jax.enable_x64(True):
         x = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, tree.dimension))
         jacobian = jax.jacrev(lambda x: marker_positions(tree, x))(x)

@@ -1,13 +1,13 @@
 """anipose, Pose2Sim, EKS and poseppl on the same keypoints of a real recording: errors, intervals, seconds.
 
-    POSEPPL_DATA=FOLDER python benchmarks/motion_peers given|LIBRARY|table [--output motion-peers] [--quick]
+    POSEPPL_DATA=FOLDER python -m benchmarks.motion_peers given|LIBRARY|table [--output motion-peers] [--quick]
 
 Three steps: `given` writes what every library is given; each LIBRARY (anipose, pose2sim, eks, poseppl) answers in an
 environment in which it is installed, since they do not agree on versions of JAX and NumPy; `table` scores the answers, prints
 them and writes OUTPUT/motion_peers.csv. The first and the last need poseppl, the others NumPy and their library:
 `pip install aniposelib==0.8.0`, `pip install pose2sim==0.10.49`, `pip install ensemble-kalman-smoother==4.6.2`.
 
-The recording, its cameras after bundle adjustment and the reference are those of benchmarks/keypoints.py: the man on a beam of
+The recording, its cameras after bundle adjustment and the reference are those of studies/keypoints.py: the man on a beam of
 pose2sim_balancing, fourteen joints, which all four cameras' weighted linear triangulation places. That is no truth: it shares
 the points of the cameras that are used. Errors of predicted keypoints are in the cameras that were left out. All are given
 the same points, the right person's, and each its own defaults; what a library was given beside that says its file. Seconds are
@@ -61,7 +61,7 @@ def answer(library: str, output: Path) -> None:
 
 def main() -> None:
     """Take one of the steps."""
-    parser = argparse.ArgumentParser(prog="python benchmarks/motion_peers", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.motion_peers", description=__doc__)
     parser.add_argument("step", choices=["given", *LIBRARIES, "table"])
     parser.add_argument("--output", default="motion-peers", help="folder of what is given, answered and scored")
     parser.add_argument("--quick", action="store_true", help="30 frames of cameras 1 and 4")

@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from balancing import read_triangulation
 from given import SETS, Given, set_name, write_given
-from keypoints import RATE, adjusted_cameras, coverage, held, places_of, scene_of
-from timing import DATA, show
+from poseppl_papers.tables import Table, write_csv
 
+from benchmarks.timing import DATA, show
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.geometry import project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.tracking.keypoints import KeypointScene
+from poseppl.motion.keypoints.scene import KeypointScene
+from studies.balancing import read_triangulation
+from studies.keypoints import RATE, adjusted_cameras, coverage, held, places_of, scene_of
 
 ALL = (1, 2, 3, 4)
 COLUMNS = (

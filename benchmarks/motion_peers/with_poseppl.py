@@ -6,20 +6,15 @@ person it finds by itself.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from given import Answer, Given
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-
-from keypoints import scene_of  # noqa: E402
-from timing import DATA  # noqa: E402
-
-from poseppl.cli.console import start_jax  # noqa: E402
-from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track  # noqa: E402
+from benchmarks.timing import DATA
+from poseppl.cli.console import start_jax
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from studies.keypoints import scene_of
 
 NAME, PACKAGE = "poseppl", "poseppl"
 

@@ -1,4 +1,4 @@
-"""Time one library on a job, in the environment that it is installed in: python benchmarks/peers LIBRARY [--runs 20].
+"""Time one library on a job, in the environment that it is installed in: python -m benchmarks.peers LIBRARY [--runs 20].
 
 It prints the lines of the library's file, the processor seconds of the first run, compilation included, the median
 milliseconds of later ones, and the error of the means in exact standard deviations (of the chaotic job: from the truth).
@@ -34,7 +34,7 @@ def count_lines(path: Path) -> int:
 
 def main() -> None:
     """Run one library and print its row."""
-    parser = argparse.ArgumentParser(prog="python benchmarks/peers", description="Jobs in several libraries.")
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description="Jobs in several libraries.")
     parser.add_argument("library", nargs="?", help="one of " + ", ".join(name.removeprefix("with_") for name in LIBRARIES))
     parser.add_argument("--runs", type=int, default=20, help="timed runs after the first")
     given = parser.parse_args()

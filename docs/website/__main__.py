@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path[0] = str(HERE.parent)
-sys.path[1:1] = [str(ROOT), str(ROOT / "models")]
+sys.path[1:1] = [str(ROOT), str(ROOT / "models"), str(ROOT / "papers")]
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 from sphinx.cmd.build import build_main  # noqa: E402
@@ -29,7 +29,9 @@ def main() -> int:
     work = given.output.resolve().parent
     source = work / "site-source"
     os.environ |= {"POSEPPL_SITE_NOTEBOOKS": given.notebooks, "POSEPPL_SITE_CACHE": str(work / "site-notebooks")}
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "models"), os.environ.get("PYTHONPATH", "")])
+    os.environ["PYTHONPATH"] = os.pathsep.join(
+        [str(ROOT), str(ROOT / "models"), str(ROOT / "papers"), os.environ.get("PYTHONPATH", "")]
+    )
     assemble(source)
     shutil.rmtree(given.output / "_modules", ignore_errors=True)  # Sphinx keeps sources whose links have changed
     options = ["-c", str(HERE), "-d", str(work / "site-doctrees"), "--fail-on-warning", "--keep-going", "--quiet"]

@@ -8,7 +8,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "models"), str(ROOT / "docs")]
+sys.path[:0] = [str(ROOT), str(ROOT / "models"), str(ROOT / "papers"), str(ROOT / "docs")]
 
 project = "poseppl"
 version = release = version_of("poseppl")

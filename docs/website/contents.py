@@ -27,7 +27,7 @@ PARTS = (
                 "docs/keypoints",
                 "docs/formats",
                 "docs/likelihoods",
-                "docs/verdicts",
+                "studies/verdicts",
                 "docs/checked",
             ),
             "docs/security",

@@ -26,9 +26,21 @@ PACKAGES = (
     "poseppl.motion.learned",
     "poseppl.motion.likelihoods",
     "poseppl.motion.rendering",
+    "poseppl.motion.keypoints",
+    "poseppl.motion.points",
+    "poseppl.motion.recordings",
+    "poseppl.motion.silhouettes",
     "poseppl.motion.tracking",
     "poseppl.motion.vision",
     "poseppl_models",
+    "poseppl_models.bodies",
+    "poseppl_models.toys",
+    "poseppl_models.images",
+    "poseppl_models.bodytrack",
+    "poseppl_models.darby",
+    "poseppl_models.du_guan",
+    "poseppl_models.peursum",
+    "poseppl_models.sminchisescu_triggs",
 )
 
 

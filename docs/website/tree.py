@@ -48,7 +48,7 @@ def relinked(path: Path, text: str, there: Container[str]) -> str:
     def link(match: re.Match[str]) -> str:
         words, target = match[1], match[2].partition("#")[0]
         file = normpath(path.parent / target)
-        page = f"reference/{file.removeprefix('models/').removesuffix('.py').replace('/', '.')}.rst"
+        page = f"reference/{file.removeprefix('models/').removeprefix('papers/').removesuffix('.py').replace('/', '.')}.rst"
         if page in there:
             return f"[{words}]({relpath(page, path.parent)})"
         if file == "README.md":

@@ -51,7 +51,7 @@ def batch(folder: str, model: str, **options: Any) -> None:
 
     from poseppl.cli.batch_jobs import TableJob, digest_of, forget_lost, run_table, write_overview
     from poseppl.cli.user_model import source_digest
-    from poseppl.experiments.jobs import Inline, Processes, run_jobs
+    from poseppl.jobs import Inline, Processes, run_jobs
     from poseppl.runs.algorithms import FILTERS
 
     FILTERS[options["filter_name"]].check(options["settings"])

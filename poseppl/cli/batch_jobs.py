@@ -15,9 +15,9 @@ import numpy as np
 from poseppl.cli.model_runs import described, filtered, smoothed
 from poseppl.cli.outputs import write_outputs
 from poseppl.errors import PosepplError
-from poseppl.experiments.jobs import Job
 from poseppl.files.atomic_writing import write_atomically, write_rows
 from poseppl.files.npz_reading import SUFFIX, read_part
+from poseppl.jobs import Job
 
 _COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")
 

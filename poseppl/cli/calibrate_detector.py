@@ -59,8 +59,8 @@ def calibrate_detector(name: str, **options: Any) -> None:
     target = Path(name if name.endswith(".json") else f"{name}.json")
     check_writable([target], [*words_of_keypoints(options["keypoints"]).values(), options["calibration"]])
 
-    from poseppl.motion.tracking.detector_calibration import calibrate_detector as calibrate
-    from poseppl.motion.tracking.detector_files import write_detector_errors
+    from poseppl.motion.keypoints.detector_calibration import calibrate_detector as calibrate
+    from poseppl.motion.keypoints.detector_files import write_detector_errors
 
     progress = ConsoleProgress(options["quiet"])
     start_jax()

@@ -11,7 +11,7 @@ from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs, check_reco
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
 
-GAIT = "poseppl_models.gait:gait_table"
+GAIT = "poseppl_models.bodies.gait:gait_table"
 
 EXAMPLES = """
 \b

@@ -11,7 +11,7 @@ from poseppl.cli.checks import BUILDER, RATE, InputFile, check_inputs, files_of_
 from poseppl.cli.options import common_options, seed_option
 from poseppl.errors import InputError
 
-BODY = "poseppl_models.darby:full_body"
+BODY = "poseppl_models.darby.marker_body:full_body"
 
 EXAMPLES = """
 \b
@@ -20,7 +20,7 @@ Examples:
       A walk, from four recordings of three people; their skeletons 07.asf, 16.asf and 08.asf lie beside them.
   poseppl fit-motion run running.amc,somebody.asf jog.bvh --states 20 --plot run.png
       A skeleton that is called otherwise stands after a comma.
-  poseppl fit-motion walk 07_01.amc 16_15.amc 08_01.amc --model poseppl_models.choo_fleet:full_body
+  poseppl fit-motion walk 07_01.amc 16_15.amc 08_01.amc --model poseppl_models.bodies.choo_fleet:full_body
       For people in videos, whose body has these coordinates.
 
 \b

@@ -81,7 +81,7 @@ subject_options = option_group(
         metavar="NAME",
         type=BUILDER,
         help="Body to track: package.module:builder or FILE.py:builder. "
-        "[default: poseppl_models.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
+        "[default: poseppl_models.bodies.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
         "clamped to the truth]",
     ),
     click.option(

@@ -44,7 +44,7 @@ def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: boo
     folder = output_folder(output, result)
 
     from poseppl.motion.rendering.overlay_video import write_overlay
-    from poseppl.motion.tracking.video_sources import open_named
+    from poseppl.motion.silhouettes.video_sources import open_named
     from poseppl.runs.results import load_result
 
     tree, opened = load_result(result), open_named(videos)

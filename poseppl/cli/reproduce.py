@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import click
+from poseppl_papers.catalogue import EXPERIMENTS, find_experiment, parts_of
 
 from poseppl.cli.checks import InputFile, check_inputs, files_of_recording
 from poseppl.cli.options import common_options, worker_options
 from poseppl.errors import InputError, brief
-from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment, parts_of
 
 EXAMPLES = """
 \b
@@ -70,9 +70,10 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     PARTS are some of the paper's parts; all of them by default. Interrupted runs go on where they were. Without PAPER, all
     papers and their parts are listed.
     """
+    from poseppl_papers.recordings import BUILT_IN
+
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_new_folder
-    from poseppl.experiments.recordings import BUILT_IN
 
     if paper is None:
         _list_papers()
@@ -87,8 +88,9 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     if not options["quiet"]:
         click.echo(f"poseppl: {paper}: {', '.join(parts or known)}; results go to {folder}", err=True)
 
-    from poseppl.experiments.jobs import Processes
-    from poseppl.experiments.reproduction import reproduce
+    from poseppl_papers.reproduction import reproduce
+
+    from poseppl.jobs import Processes
 
     start_jax()
     experiment = find_experiment(paper)
@@ -114,7 +116,7 @@ def _list_papers() -> None:
 
 
 def _recording(word: str) -> Any:
-    from poseppl.experiments.recordings import Recording
+    from poseppl_papers.recordings import Recording
 
     name, files = _split(word)
     path, _, skeleton = files.partition(",")

@@ -281,9 +281,9 @@ def _run(
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
     from poseppl.cli.files import tell_replaced
     from poseppl.motion.io import read_cameras
+    from poseppl.motion.recordings.subjects import DEFAULT_MODEL
+    from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
-    from poseppl.motion.tracking.subjects import DEFAULT_MODEL
-    from poseppl.motion.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking.walk import ASSUMED_RATE
     from poseppl.runs.algorithms import FILTERS
 

@@ -192,7 +192,7 @@ def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, 
 
 
 def _clocks(options: dict[str, Any]) -> Any:
-    from poseppl.motion.tracking.keypoint_sources import Clocks
+    from poseppl.motion.keypoints.sources import Clocks
     from poseppl.motion.tracking.walk import ASSUMED_RATE
 
     rates, offsets = _rates(options), numbers_of_cameras(options["offset"], "--offset")
@@ -250,7 +250,7 @@ def wants_points(options: dict[str, Any]) -> bool:
         return True
     if not paths or not all(path.lower().endswith(".csv") for path in paths):
         return False
-    from poseppl.motion.tracking.point_files import is_point_table
+    from poseppl.motion.points.files import is_point_table
 
     return all(map(is_point_table, paths))
 
@@ -281,9 +281,9 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     Args:
         options: Of the command.
         progress: Is told.
-        more: Of :func:`~poseppl.motion.tracking.keypoints.scene_of_keypoints`.
+        more: Of :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints`.
     """
-    from poseppl.motion.tracking.keypoints import scene_of_keypoints
+    from poseppl.motion.keypoints.scene import scene_of_keypoints
 
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
@@ -332,7 +332,7 @@ def _sizes(options: dict[str, Any]) -> dict[str, tuple[int, int]]:
 
 def about_person(options: dict[str, Any]) -> dict[str, Any]:
     """Arguments that tell of the person, its keypoints and their errors."""
-    from poseppl.motion.tracking.detector_files import read_detector_errors
+    from poseppl.motion.keypoints.detector_files import read_detector_errors
 
     known = options["detector_errors"]
     return {

@@ -127,7 +127,7 @@ class _Follower:
     def __init__(self, options: dict[str, Any], settings: Any, rate: float | None, table: LiveTable, progress: Any) -> None:
         from poseppl.cli.track_keypoints import calibration_of, words_of_keypoints
         from poseppl.motion.io.growing_folders import GrowingFolders
-        from poseppl.motion.tracking.keypoint_sources import check_cameras
+        from poseppl.motion.keypoints.sources import check_cameras
 
         self._options, self._settings, self._rate, self._table, self._progress = options, settings, rate, table, progress
         self._folders = words_of_keypoints(options["keypoints"])
@@ -147,7 +147,7 @@ class _Follower:
 
     def follow(self, stop: Event) -> None:
         """Take frames until there are no more, or one is asked to stop."""
-        from poseppl.motion.tracking.live import sees_someone
+        from poseppl.motion.keypoints.live import sees_someone
         from poseppl.motion.tracking.walk import ASSUMED_RATE
 
         start = START if self._options["start"] is None else self._options["start"]
@@ -171,7 +171,7 @@ class _Follower:
     def _begin(self) -> None:
         """Filter the first frames, and find what the others need."""
         from poseppl.cli.track_keypoints import about_person
-        from poseppl.motion.tracking.live import LiveTrack
+        from poseppl.motion.keypoints.live import LiveTrack
 
         options, self.first = self._options, len(self._waiting)
         self._progress.stage("compiling")

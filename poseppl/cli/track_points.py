@@ -48,8 +48,8 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     from poseppl.cli.files import tell_replaced
     from poseppl.cli.outputs import write_outputs
     from poseppl.motion.io.skeleton_files import read_skeleton
-    from poseppl.motion.tracking.point_files import read_point_recording, result_of_points
-    from poseppl.motion.tracking.point_smoothing import smooth_points
+    from poseppl.motion.points.files import read_point_recording, result_of_points
+    from poseppl.motion.points.smoothing import smooth_points
     from poseppl.motion.tracking.walk import ASSUMED_RATE
 
     refuse(_NOT_WITH, "does not go with --keypoints of named points")

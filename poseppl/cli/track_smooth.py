@@ -32,7 +32,7 @@ def check_smooth_usage(options: dict[str, Any]) -> None:
 def smoothing_method(options: dict[str, Any]) -> str | None:
     """The smoother that is asked for, or that keypoints get unless somebody says otherwise.
 
-    In one camera the likeliest trajectory is far from most that are likely: one that is too near (benchmarks/one_camera.py).
+    In one camera the likeliest trajectory is far from most that are likely: one that is too near (studies/one_camera.py).
     """
     given: str | None = options["smooth_method"]
     by_default = options["keypoints"] and not (options["online"] or options.get("live"))

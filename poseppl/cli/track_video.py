@@ -140,8 +140,8 @@ def is_scene(words: Sequence[str]) -> bool:
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
     from poseppl.motion.io import VideoWarning
-    from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
-    from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
+    from poseppl.motion.silhouettes.frame import SilhouetteSettings
+    from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL, see_silhouettes
     from poseppl.motion.vision import BackgroundSettings
 
     rate = options["rate"]
@@ -174,7 +174,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
 
 def open_sources(options: dict[str, Any]) -> Any:
     """Open the videos, and what goes with them."""
-    from poseppl.motion.tracking.video_sources import sources_of_files, sources_of_scene
+    from poseppl.motion.silhouettes.video_sources import sources_of_files, sources_of_scene
 
     words = options["video"]
     if is_scene(words):

@@ -29,10 +29,10 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     check_inputs()
 
     from poseppl.motion.io.opencv import opencv
+    from poseppl.motion.recordings.subject_video import film_subject
     from poseppl.motion.rendering import SensorNoise, build_setting
     from poseppl.motion.rendering.noise import check_noise
     from poseppl.motion.rendering.packages import load_mujoco
-    from poseppl.motion.tracking.subject_video import film_subject
 
     noise = SensorNoise() if options["noise"] is None else SensorNoise(level=options["noise"])
     check_noise(noise)
@@ -82,8 +82,8 @@ def _refuse(options: dict[str, Any]) -> None:
 def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:
     """The toes of a recording, which the body that is tracked does not have."""
     from poseppl.motion.io import read_motion
+    from poseppl.motion.recordings.subjects import DEFAULT_MODEL, chosen_motion
     from poseppl.motion.rendering import find_toes
-    from poseppl.motion.tracking.subjects import DEFAULT_MODEL, chosen_motion
 
     if recording is None:
         return {}

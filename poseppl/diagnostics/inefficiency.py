@@ -11,7 +11,7 @@ The mean of N draws of a Markov chain has the variance ``tau / N`` times that of
   where chains are too short for such a window all lags count, and it cannot exceed the chain's length.
 
 ArviZ's ``ess`` and ``rhat`` loop over quantities, of which a minute of tracking has fifty thousand: some 9 s of processor time
-where the functions here, on ArviZ's autocovariance, take 2 s (``python benchmarks/diagnostics.py`` prints the ratios; ArviZ's
+where the functions here, on ArviZ's autocovariance, take 2 s (``python -m benchmarks.diagnostics`` prints the ratios; ArviZ's
 numba variant leaves these loops as they are). Both agree to rounding (tests/diagnostics/test_inefficiency.py). All but
 ``mixing`` take ArviZ's data, too, a DataTree, Dataset or DataArray with dimensions ``chain`` and ``draw``, and give such
 without these.

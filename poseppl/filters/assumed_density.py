@@ -18,8 +18,8 @@ A covariance estimated from n effective draws in d dimensions has too large an i
 (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
 over-confidence. So each component has the density of a Gaussian whose covariance is known from n draws alone, a multivariate t
 (:mod:`poseppl.gaussians.mixture`), n being the effective draws of all chains, from the spread of their means. Where steps are
-small beside what is known, as in a slow random walk, intervals are far too narrow without it (benchmarks/inflation.py), and on
-simulated motion they hold more nearly what they say with it (benchmarks/windows.py).
+small beside what is known, as in a slow random walk, intervals are far too narrow without it (studies/inflation.py), and on
+simulated motion they hold more nearly what they say with it (studies/windows.py).
 
 With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """

@@ -2,7 +2,7 @@
 
 XLA sorts a column at a time by calls of a comparison; a bitonic network (Batcher 1968) compares whole rows at once, which the
 compiler vectorises: 6 times faster for 600 draws of 113 columns on a CPU, and 8 times for 2,000
-(``python benchmarks/quantiles.py``). Its stages are a loop over one of them, for each on its own takes its time to compile.
+(``python -m benchmarks.quantiles``). Its stages are a loop over one of them, for each on its own takes its time to compile.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ again: they may be as nonlinear as they like. The transition is linearised. For 
 Monte Carlo error of the moments.
 
 Where a posterior leans to one side, as of how far a person is from the only camera, its mode is no mean, and Laplace's
-approximation is off where this is not (``benchmarks/one_camera.py``).
+approximation is off where this is not (``studies/one_camera.py``).
 """
 
 from __future__ import annotations

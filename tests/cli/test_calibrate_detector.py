@@ -9,7 +9,7 @@ import pytest
 from balancing_options import words
 
 from poseppl.cli import main
-from poseppl.motion.tracking.detector_files import read_detector_errors
+from poseppl.motion.keypoints.detector_files import read_detector_errors
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("here", "without_pictures")

@@ -14,7 +14,7 @@ import pytest
 from waiting import PATIENCE, wait_until
 
 from poseppl.cli import main
-from poseppl.motion.tracking.video_sources import read_scene_truth
+from poseppl.motion.silhouettes.video_sources import read_scene_truth
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -143,8 +143,8 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (["smoothers", "gibs"], ["'gibs' is no smoother (expected gibbs)"]),
         (["track", "--model", "nothing"], ["--model"]),
-        (["track", "--model", "poseppl_models.sminchisescu:arm"], ["--model", "28 coordinates"]),
-        (["track", "--model", "poseppl_models.choo_fleet:leg"], ["--model", "full_body"]),
+        (["track", "--model", "poseppl_models.sminchisescu_triggs.marker_body:arm"], ["--model", "28 coordinates"]),
+        (["track", "--model", "poseppl_models.bodies.choo_fleet:leg"], ["--model", "full_body"]),
         (["track", "absent.bvh"], ["absent.bvh", "no such file"]),
         (["track", "walk.csv"], ["walk.csv", ".amc or .bvh or .c3d or .trc or .txt"]),
         (["track", "-o", "absent/x.nc"], ["absent", "does not exist"]),

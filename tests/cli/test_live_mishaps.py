@@ -17,7 +17,7 @@ from test_track_live import lines
 
 from poseppl.cli import main
 from poseppl.cli.live_table import LiveTable
-from poseppl.motion.tracking.live import LiveTrack
+from poseppl.motion.keypoints.live import LiveTrack
 from poseppl.runs.results import load_result
 
 pytestmark = pytest.mark.usefixtures("without_pictures")

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
-from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.toys.finite_hmm import finite_hmm
 
 import poseppl
 from poseppl.cli import main

@@ -19,7 +19,7 @@ from waiting import PATIENCE
 from poseppl.cli import main
 from poseppl.cli.live_table import LiveTable
 from poseppl.motion.io.trc import read_trc
-from poseppl.motion.tracking.live import LiveEstimate
+from poseppl.motion.keypoints.live import LiveEstimate
 from poseppl.runs.results import load_result
 
 pytestmark = pytest.mark.usefixtures("without_pictures")

@@ -11,7 +11,7 @@ import pytest
 from poseppl.cli import main
 from poseppl.errors import InputError
 from poseppl.motion.io.trc import read_trc
-from poseppl.motion.tracking.named_points import PointRecording
+from poseppl.motion.points.named_points import PointRecording
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -64,7 +64,7 @@ def test_lengths_have_the_unit_that_is_given(
         read.append(recording)
         raise InputError("that is all")
 
-    monkeypatch.setattr("poseppl.motion.tracking.point_smoothing.smooth_points", stop)
+    monkeypatch.setattr("poseppl.motion.points.smoothing.smooth_points", stop)
     assert main(words(data_dir)) == main(words(data_dir, "--unit", "mm")) == 1
     metres, millimetres = (np.asarray(each.cameras.centre) for each in read)
     np.testing.assert_allclose(metres, 1000 * millimetres, rtol=1e-5)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from law_problems import run
-from poseppl_models.growth import growth
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.growth import growth
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.diagnostics import compare
 from poseppl.diagnostics.evidence import evidence_of_run, evidence_words

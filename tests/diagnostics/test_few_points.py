@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 from test_unreached import FAINT, NOWHERE, filtered
 
 from poseppl import infer

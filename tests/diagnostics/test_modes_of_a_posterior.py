@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from poseppl_models.mirror import LEVEL, NOISE, SPREAD, START, WIDTH
+from poseppl_models.toys.mirror import LEVEL, NOISE, SPREAD, START, WIDTH
 
 from poseppl.diagnostics import modes as module
 from poseppl.diagnostics.modes import Ambiguity, ambiguities, mode_labels, modes_over_time

@@ -10,7 +10,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from oracles.kalman import kalman_filter as exact_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 
 import poseppl
 from poseppl.diagnostics import one_step_elpd

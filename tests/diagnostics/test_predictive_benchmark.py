@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import predictive_checks as benchmark
 import pytest
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
+from studies import predictive_checks as benchmark
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 from synthetic import synthetic_result
 
 from poseppl import infer, smooth

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts.compile_times import compile_times
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts.compile_times import compile_times
 
 pytestmark = pytest.mark.full
 

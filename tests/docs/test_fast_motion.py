@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts import fast_motion
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts import fast_motion
 
 COLUMNS = ("recording", "rate", "case", "frames", "seed", "error", "coverage")
 FIXED = [98.0, 100.0, 102.0]

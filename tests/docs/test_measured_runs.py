@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts import predictions, walks
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts import predictions, walks
 
 
 def checked(*runs: tuple[float, str]) -> list[str]:

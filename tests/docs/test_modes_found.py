@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts import modes
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts import modes
 
 COLUMNS = ("pose", "method", "starts", "evaluations", "modes", "of", "mass")
 

@@ -6,10 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from verdicts import motion_peers
-from verdicts.pages import DOCS, read_tables
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts import motion_peers
+from studies.verdicts.pages import DOCS, read_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.quick

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts import learned_prior
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts import learned_prior
 
 COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
 

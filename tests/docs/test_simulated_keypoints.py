@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts.simulated_keypoints import BINS, clocks, ranks, recorded
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts.simulated_keypoints import BINS, clocks, ranks, recorded
 
 COLUMNS = ("recording", "cameras", "case", "what", "ideal", "median", "percentile_95", "coverage_50", "coverage_90", "width")
 LIMBS = ("recording", "cameras", "case", "aligned", "exchanged", "found", "falsely", "pairs")

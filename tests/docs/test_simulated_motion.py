@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from verdicts.simulated_motion import coordinates, simulated_motion
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts.simulated_motion import coordinates, simulated_motion
 
 COLUMNS = ("setting", "sequence", "error", "in_50", "in_90", "seconds")
 

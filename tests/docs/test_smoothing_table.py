@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts.smoothing import smoothing_pays
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts.smoothing import smoothing_pays
 
 COLUMNS = ("walk", "seen", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from verdicts.toolkit_speed import beside_rivals, first_results
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.tables import Table
+from studies.verdicts.toolkit_speed import beside_rivals, first_results
 
 
 def test_ratios_are_held_against_their_goals() -> None:

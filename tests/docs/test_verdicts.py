@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from verdicts import sampling
-from verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of
+from poseppl_papers.page import PAGE, claims_of, page_of
+from poseppl_papers.provenance import read_folder
+from poseppl_papers.tables import Table
 
-from poseppl.experiments.page import PAGE, claims_of, page_of
-from poseppl.experiments.provenance import read_folder
-from poseppl.experiments.tables import Table
+from studies.verdicts import sampling
+from studies.verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
@@ -35,7 +35,7 @@ def text_of(page: str) -> str:
 def test_marked_parts_are_made_from_tables(page):
     text = text_of(page)
     assert [found[2] for found in MARKED.finditer(text)] == list(SECTIONS[page])
-    assert text == made(text, page, tables_read())  # else: python docs/verdicts --write
+    assert text == made(text, page, tables_read())  # else: python -m studies.verdicts --write
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -54,7 +54,7 @@ def test_every_table_has_its_record(folder):
 def test_an_experiments_page_says_what_its_tables_say(experiment):
     folder = DOCS / experiment.name
     page = (folder / PAGE).read_text(encoding="utf-8")
-    assert page == page_of(experiment, folder)  # else: python docs/verdicts --write
+    assert page == page_of(experiment, folder)  # else: python -m studies.verdicts --write
     assert all(f"({path.name})" in page for path in folder.glob("*.png"))
 
 

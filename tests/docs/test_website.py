@@ -67,11 +67,11 @@ def test_every_page_is_in_the_contents_once() -> None:
 
 
 def test_links_of_the_repository_hold_on_the_site() -> None:
-    there = {"docs/verdicts.md", "reference/poseppl.filters.hmc.rst", "reference/poseppl_models.growth.rst"}
+    there = {"docs/verdicts.md", "reference/poseppl.filters.hmc.rst", "reference/poseppl_models.toys.growth.rst"}
     page = Path("docs/choosing.md")
     for link, expected in {
         "[hmc](../poseppl/filters/hmc.py)": "[hmc](../reference/poseppl.filters.hmc.rst)",
-        "[growth](../models/poseppl_models/growth.py)": "[growth](../reference/poseppl_models.growth.rst)",
+        "[growth](../models/poseppl_models/toys/growth.py)": "[growth](../reference/poseppl_models.toys.growth.rst)",
         "[a](verdicts.md#b)": "[a](verdicts.md#b)",
         "[laws](../tests/catalogue.py)": "laws",
         "[home](../README.md)": "[home](../index.md)",

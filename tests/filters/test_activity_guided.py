@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import problem, replicate
 from oracles import activity_guided as oracle
-from poseppl_models.growth import growth
+from poseppl_models.toys.growth import growth
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import activity_guided_filter, annealed_filter

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_problems import MASKED, problem, replicate, z_scores
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.filters import AnnealedState, annealed_filter
 from poseppl.filters.annealed import Annealing, _cross, _Layer, _refine, annealing_exponent, predict_by_transition

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from calibration import LEVELS, TRACKERS, study
-from simulated import build_problem
+
+from benchmarks.simulated import build_problem
+from studies.calibration import LEVELS, TRACKERS, study
 
 BAND = (0.85, 0.95)
 OVER_CONFIDENT = 0.75

@@ -11,7 +11,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from oracles.grid import grid_filter_smoother
-from poseppl_models.mirror import LEVEL, NOISE, SPREAD, START, mirror, mirror_mean
+from poseppl_models.toys.mirror import LEVEL, NOISE, SPREAD, START, mirror, mirror_mean
 
 from poseppl.filters import covariance_scaled_filter, mode_mixture
 from poseppl.kernels import truncation

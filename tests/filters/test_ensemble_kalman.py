@@ -10,8 +10,8 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import frame, problem, run
 from oracles.kalman import kalman_filter as exact_filter, simulate
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from scipy.stats import chi2
 
 from poseppl.errors import UnsuitableModelError

@@ -11,8 +11,8 @@ import pytest
 import scipy.stats
 from law_problems import check_impossible, problem, replicate, z_scores
 from oracles.quadrature import moments_on_grid
-from poseppl_models.growth import growth
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.growth import growth
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.filters import guided_filter, particle_filter
 from poseppl.filters.local_proposal import local_proposal

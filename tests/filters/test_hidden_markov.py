@@ -9,8 +9,8 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import TWO_STATES
 from oracles.forward_backward import forward_backward
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.growth import growth
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.growth import growth
 
 from poseppl.filters import hidden_markov_filter
 from poseppl.filters.hidden_markov import state_values

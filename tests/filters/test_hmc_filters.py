@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_problems import independent, problem, replicate
-from poseppl_models.choo_fleet import arm
+from poseppl_models.bodies.choo_fleet import arm
 
 from poseppl.filters import assumed_density_filter, hmc_filter
 from poseppl.filters.chains import effective_draws

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from law_problems import run
 from oracles.kalman import kalman_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import assumed_density, assumed_density_filter, window, window_filter
 from poseppl.kernels import HMCSettings

@@ -13,8 +13,8 @@ import pytest
 import scipy.stats
 from law_problems import frame, problem, run
 from oracles.kalman import kalman_filter as kalman_oracle, rauch_tung_striebel
-from poseppl_models.growth import growth
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.growth import growth
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 import poseppl
 from poseppl.filters import kalman_filter

@@ -9,7 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from law_problems import run, z_scores
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from test_switching import TRANSITION, in_two_coordinates, posed
 
 from poseppl.errors import UnsuitableModelError

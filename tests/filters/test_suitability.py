@@ -5,9 +5,8 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from choosing_models import MODELS
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl import infer, smooth
 from poseppl.diagnostics import verdicts
@@ -18,6 +17,7 @@ from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.results import provenance
 from poseppl.runs.simulation import simulate
 from poseppl.smoothers import forward_backward_smoother, trajectory_smoother
+from studies.choosing_models import MODELS
 
 
 @pytest.mark.full

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from law_problems import frame, problem, replicate, z_scores
 from oracles.quadrature import moments_on_grid
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 from scipy.stats import norm
 
 from poseppl.filters import TemperedState, tempered_filter

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.mirror import LEVEL, mirror
+from poseppl_models.toys.mirror import LEVEL, mirror
 
 from poseppl.filters import assumed_density_filter, mode_chains
 from poseppl.kernels import HMCSettings

@@ -12,8 +12,8 @@ import scipy.stats
 from law_problems import Problem, frame, independent, problem, run, z_scores
 from oracles.grid import growth_on_grid
 from oracles.kalman import kalman_filter, rauch_tung_striebel, simulate
-from poseppl_models.growth import growth
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.growth import growth
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import Filter, window_filter
 from poseppl.filters.window import WindowState, _pasts, predict

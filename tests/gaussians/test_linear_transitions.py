@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.gaussians.block_tridiagonal import to_dense
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from mistakes import NO_MISTAKES, mistaken
 from oracles.kalman import KalmanResult, kalman_filter, simulate
-from poseppl_models.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.program import CompiledModel, Observation
 

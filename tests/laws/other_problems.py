@@ -10,7 +10,7 @@ import scipy.stats
 from law_problems import Problem
 from oracles.grid import grid_filter_smoother
 from oracles.kalman import KalmanResult, kalman_filter, rauch_tung_striebel
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 from smoothing_problems import Smoothing
 
 from poseppl.program import Clamped, StateSpaceModel

@@ -14,9 +14,9 @@ from mistakes import NO_MISTAKES
 from oracles.forward_backward import forward_backward
 from oracles.grid import growth_on_grid
 from oracles.kalman import fixed_lag_moments, kalman_filter, lag_one_covariances, rauch_tung_striebel, simulate
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.growth import growth
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.growth import growth
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from smoothing_mistakes import Given, misinformed, powered, told
 
 from poseppl.filters import particle_filter

@@ -9,7 +9,7 @@ import pytest
 from catalogue import FILTERS, is_cheap, rows
 from law_problems import run
 from oracles.kalman import simulate
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 RESAMPLED_OTHERWISE = ("particle-adaptive", "tempered-fixed")
 """Variants whose ancestors come another way."""

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.anthropometry import segment_lengths
-from poseppl_models.body_fit import MARGIN, fitted_states, fitted_stature, measured_lengths
-from poseppl_models.cone_body import with_crown
-from poseppl_models.darby_body import darby_body
-from poseppl_models.du_guan_body import du_guan_body
+from poseppl_models.bodies.anthropometry import segment_lengths
+from poseppl_models.bodies.body_fit import MARGIN, fitted_states, fitted_stature, measured_lengths
+from poseppl_models.bodies.cone_body import with_crown
+from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.du_guan.body import du_guan_body
 
 from poseppl.diagnostics import VIRTUAL_MARKERS
 from poseppl.errors import InputError

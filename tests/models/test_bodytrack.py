@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.bodytrack import benchmark_score, bodytrack, limb_groups, outline_sums
-from poseppl_models.bodytrack_files import read_bodytrack
+from poseppl_models.bodytrack.files import read_bodytrack
+from poseppl_models.bodytrack.likelihood import benchmark_score, bodytrack, limb_groups, outline_sums
 
 from poseppl.errors import InputError
 from poseppl.filters import annealed_filter, tempered_filter

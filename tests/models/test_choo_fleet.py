@@ -6,7 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.choo_fleet import EDGES, LENGTHS, NOISE, SIGMA_ANGLE, SIGMA_POSITION, arm, full_body, lower_body, measure
+from poseppl_models.bodies.choo_fleet import (
+    EDGES,
+    LENGTHS,
+    NOISE,
+    SIGMA_ANGLE,
+    SIGMA_POSITION,
+    arm,
+    full_body,
+    lower_body,
+    measure,
+)
 from precision import DTYPES, epsilon, precision
 
 from poseppl.motion.bodies.body import BodyInputs

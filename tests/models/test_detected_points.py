@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 import xarray as xr
 from limbs_backwards import backwards
-from poseppl_models.choo_fleet import full_body
-from poseppl_models.detected_points import FREEDOM
+from poseppl_models.bodies.choo_fleet import full_body
+from poseppl_models.bodies.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.cameras import moved_cameras
+from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
-from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
 from poseppl.motion.tracking.lasting_errors import (
     ERROR_SHARE,
     ERRORS_LAST,
@@ -36,7 +37,6 @@ from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import make_problem
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.scene import Scene
-from poseppl.motion.tracking.subjects import walking_subject
 from poseppl.motion.tracking.velocity_learning import velocity_walk
 from poseppl.motion.tracking.walk import velocity_steps
 from poseppl.runs.frame_sequence import frame_sequence

@@ -8,8 +8,8 @@ from importlib.resources import files
 import jax
 import numpy as np
 import pytest
-from poseppl_models.choo_fleet import full_body
-from poseppl_models.gait import gait_table, walk
+from poseppl_models.bodies.choo_fleet import full_body
+from poseppl_models.bodies.gait import gait_table, walk
 
 from poseppl.motion.bodies.gait_fit import fit_gait, from_table, to_table
 from poseppl.motion.geometry import marker_positions
@@ -36,7 +36,7 @@ def test_speed_and_direction(stride):
 
 
 def test_period():
-    table = json.loads(files("poseppl_models").joinpath("walk.json").read_text())
+    table = json.loads(files("poseppl_models.bodies").joinpath("walk.json").read_text())
     assert 0.9 < table["period"] < 1.2
     period = table["period"]
     states = walk(rate=10 / period, num_frames=41).states
@@ -63,7 +63,7 @@ def test_knees_elbows_and_feet(stride):
 @pytest.mark.full
 def test_walk_is_the_recordings_fit(data_dir):
     motion = read_motion(data_dir / "cmu_amc" / "02_01.amc", data_dir / "cmu_amc" / "02.asf")
-    table = json.loads(files("poseppl_models").joinpath("walk.json").read_text())
+    table = json.loads(files("poseppl_models.bodies").joinpath("walk.json").read_text())
     found = gait_table(motion)
     assert found["lengths"] == pytest.approx(table["lengths"], abs=0.11)
     assert found["period"] == pytest.approx(table["period"], abs=1e-3)

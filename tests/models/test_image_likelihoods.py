@@ -10,17 +10,19 @@ import numpy as np
 import pytest
 from image_scenes import HEIGHT, STRIDE, WIDTH, cameras, edges, masks, outlines, true_pose
 from oracles.plain_outlines import distance_to_sides, inside_samples, nearest_mean, side_samples
-from poseppl_models import darby_likelihood, du_guan_evidence, peursum_likelihood
-from poseppl_models.cone_body import ConeBody
-from poseppl_models.darby_body import darby_body
-from poseppl_models.du_guan_body import du_guan_body
-from poseppl_models.image_program import ImageInputs, camera_likelihood, image_program
-from poseppl_models.peursum_body import peursum_body
-from poseppl_models.two_way_evidence import two_way_evidence
+from poseppl_models.bodies.cone_body import ConeBody
+from poseppl_models.darby import likelihood as darby_likelihood
+from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.du_guan import evidence as du_guan_evidence
+from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.images.image_program import ImageInputs, camera_likelihood, image_program
+from poseppl_models.images.silhouette_bits import pack_mask
+from poseppl_models.images.two_way_evidence import two_way_evidence
+from poseppl_models.peursum import likelihood as peursum_likelihood
+from poseppl_models.peursum.cone_body import peursum_body
 from precision import precision
 from scipy.ndimage import gaussian_filter
 
-from poseppl.motion.geometry.silhouette_bits import pack_mask
 from poseppl.motion.vision import colour_histogram
 
 PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "overlap_scale": 2.0, "colour_scale": 0.3, "boundary_scale": 0.3}
@@ -155,7 +157,7 @@ def plain_du_guan(body, state, evidence, known):
 
 
 def rows():
-    from poseppl_models.du_guan_likelihood import du_guan_score
+    from poseppl_models.du_guan.likelihood import du_guan_score
 
     return {
         "peursum": (peursum_body(), peursum_likelihood.peursum_score(STRIDE, TOLERANCE), two_way, plain_peursum),

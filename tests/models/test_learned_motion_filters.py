@@ -12,7 +12,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import Problem, replicate, run, z_scores
 from oracles.switching import switching_filter
-from poseppl_models.learned_motion import Activity, learned_motion
+from poseppl_models.bodies.learned_motion import Activity, learned_motion
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import annealed_filter, guided_filter, particle_filter, tempered_filter

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from law_problems import independent
-from poseppl_models.mirror import mirror, mirror_mean
+from poseppl_models.toys.mirror import mirror, mirror_mean
 
 from poseppl.filters import particle_filter
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from law_problems import independent
 from oracles.quadrature import moments_on_grid
-from poseppl_models.mueller import MINIMA, mueller_log_density, mueller_potential
+from poseppl_models.toys.mueller import MINIMA, mueller_log_density, mueller_potential
 
 from poseppl.kernels import DEMCSettings, demc_chains
 

@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.named_points import motion_transition
+from poseppl_models.bodies.named_points import motion_transition
 from scipy.linalg import expm
 
 from poseppl.compilation import double_precision
 from poseppl.motion.geometry import join_cameras, look_at, project
-from poseppl.motion.tracking.named_points import PointRecording, make_point_problem, places_of
-from poseppl.motion.tracking.point_fit import points_mode, value_and_gradient
+from poseppl.motion.points.fit import points_mode, value_and_gradient
+from poseppl.motion.points.named_points import PointRecording, make_point_problem, places_of
 from poseppl.program.parameters import parameter_bijector
 
 pytestmark = pytest.mark.full

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.non_penetration import NEAREST, apart, non_penetration_residuals
-from poseppl_models.sminchisescu_body import superquadric_body
+from poseppl_models.sminchisescu_triggs.body import superquadric_body
+from poseppl_models.sminchisescu_triggs.non_penetration import NEAREST, apart, non_penetration_residuals
 from precision import precision
 
 CROSSED = {"shoulder_l_Y": -0.2, "shoulder_l_Z": -1.2, "elbow_l_X": 1.6}

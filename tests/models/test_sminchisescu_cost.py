@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.sminchisescu_body import superquadric_body
-from poseppl_models.sminchisescu_cost import ENTRIES, NODES, CostSettings, residuals_of
-from poseppl_models.sminchisescu_image import at_levels, cost_noise, image_programs, seen_in_images
-from poseppl_models.sminchisescu_likelihood import ContourAndFlow
+from poseppl_models.sminchisescu_triggs.body import superquadric_body
+from poseppl_models.sminchisescu_triggs.cost import ENTRIES, NODES, CostSettings, residuals_of
+from poseppl_models.sminchisescu_triggs.image import at_levels, cost_noise, image_programs, seen_in_images
+from poseppl_models.sminchisescu_triggs.likelihood import ContourAndFlow
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, part_axes, superquadrics_of
 from precision import precision
 from scipy.ndimage import gaussian_filter
 
@@ -19,9 +20,8 @@ from poseppl.errors import PosepplError
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree, look_at, marker_positions
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.motion.geometry.superquadrics import Superquadric, part_axes, superquadrics_of
+from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.rendering import Stage, build_setting
-from poseppl.motion.tracking.placing import cameras_of_records
 
 pytestmark = pytest.mark.full
 

@@ -6,17 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.humanoid import anthropometric_prior
-from poseppl_models.sminchisescu_body import superquadric_body
-from poseppl_models.sminchisescu_image import cost_noise, seen_in_images
-from poseppl_models.sminchisescu_sizes import SIZES, SizeInputs, size_programs
+from poseppl_models.bodies.humanoid import anthropometric_prior
+from poseppl_models.sminchisescu_triggs.body import superquadric_body
+from poseppl_models.sminchisescu_triggs.image import cost_noise, seen_in_images
+from poseppl_models.sminchisescu_triggs.sizes import SIZES, SizeInputs, size_programs
+from poseppl_models.sminchisescu_triggs.superquadric_outlines import outlines_of, superquadric_distances
 
 from poseppl.kernels.constraints import constraints
 from poseppl.kernels.mode_search import search_modes
 from poseppl.motion.geometry import look_at, marker_positions, project
 from poseppl.motion.geometry.coverage import hard_coverage
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.motion.geometry.superquadric_outlines import outlines_of, superquadric_distances
 from poseppl.program import bounded
 
 ARM_SIZES = ("upper_arm", "forearm", "upper_arm_width", "forearm_width", "hand_width")

@@ -11,11 +11,11 @@ import scipy.stats
 from oracles.forward_backward import forward_backward
 from oracles.kalman import joint_log_density, kalman_filter, simulate
 from oracles.quadrature import moments_on_grid
-from poseppl_models.banana import banana
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.growth import growth, growth_mean
-from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
-from poseppl_models.lorenz96 import TIME_STEP, lorenz96, lorenz96_derivative, lorenz96_step
+from poseppl_models.toys.banana import banana
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.growth import growth, growth_mean
+from poseppl_models.toys.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.lorenz96 import TIME_STEP, lorenz96, lorenz96_derivative, lorenz96_step
 
 from poseppl.filters import particle_filter
 

@@ -25,8 +25,21 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLES = Path(__file__).parent
-_SOURCES = {"poseppl": "poseppl", "poseppl_models": "models/poseppl_models"}
-_PARTS = ("poseppl", "models", "tests", "benchmarks", "docs", "notebooks", ".ci", "pyproject.toml", "README.md", "CHANGELOG.md")
+_SOURCES = {"poseppl": "poseppl", "poseppl_models": "models/poseppl_models", "poseppl_papers": "papers/poseppl_papers"}
+_PARTS = (
+    "poseppl",
+    "models",
+    "papers",
+    "tests",
+    "benchmarks",
+    "studies",
+    "docs",
+    "notebooks",
+    ".ci",
+    "pyproject.toml",
+    "README.md",
+    "CHANGELOG.md",
+)
 _Scope = ast.Module | ast.FunctionDef | ast.ClassDef
 
 

@@ -1,4 +1,4 @@
-"""The forward-backward algorithm as plain NumPy loops, for models of `poseppl_models.finite_hmm`."""
+"""The forward-backward algorithm as plain NumPy loops, for models of `poseppl_models.toys.finite_hmm`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Kalman filter as a plain NumPy loop, for models of `poseppl_models.linear_gaussian`."""
+"""A Kalman filter as a plain NumPy loop, for models of `poseppl_models.toys.linear_gaussian`."""
 
 from __future__ import annotations
 

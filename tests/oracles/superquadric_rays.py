@@ -13,7 +13,7 @@ import numpy as np
 
 
 def is_inside(points, part):
-    """Whether points (..., 3) of the part's frame are inside a :class:`poseppl.motion.geometry.superquadrics.Superquadric`."""
+    """Whether points (..., 3) of the part's frame are inside a superquadric of Sminchisescu and Triggs."""
     x, y, z = unbent(np.moveaxis(np.asarray(points, float), -1, 0), part)
     a, b, c = part.half_axes
     (along, across), (narrow_x, narrow_y) = part.exponents, part.taper

@@ -8,7 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.filters import particle_filter
 from poseppl.program import Clamped, CompiledModel, StateSpaceModel

@@ -9,7 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from numpyro import handlers
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from programs import initial, model
 
 from poseppl.program import StateSpaceModel

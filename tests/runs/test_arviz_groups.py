@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from law_problems import problem
 from oracles.kalman import kalman_filter, rauch_tung_striebel
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from scipy.stats import norm
 
 import poseppl

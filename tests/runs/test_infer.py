@@ -239,7 +239,7 @@ def test_a_filter_written_by_hand_in_a_loop_is_said_once(caplog):
 FIRST_RESULT = """
 import sys
 import jax, numpy as np
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 import poseppl
 jax.config.update("jax_enable_compilation_cache", False)
 key, compiled = jax.random.key(0), []

@@ -9,7 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from oracles.kalman import kalman_filter as exact_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 
 import poseppl
 from poseppl import ensemble_kalman_filter, guided_filter, kalman_filter, log_likelihood, particle_filter

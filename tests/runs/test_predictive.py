@@ -12,7 +12,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 from scipy.stats import kstest
 
 from poseppl.filters import Filter, kalman_filter, particle_filter

@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import TWO_STATES
 from oracles.forward_backward import forward_backward
-from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.toys.finite_hmm import finite_hmm
 from scipy.special import expit
 
 import poseppl

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_problems import problem
-from poseppl_models.linear_gaussian import linear_gaussian
+from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.errors import InputError
 from poseppl.filters import particle_filter
+from poseppl.motion.recordings.placing import place_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
-from poseppl.motion.tracking.placing import place_cameras
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.outcome import result_of_run
 from poseppl.runs.results import load_result, save_result
@@ -152,9 +152,11 @@ def test_states_that_are_not_finite_are_never_passed_over():
 
 
 def small_result(**settings):
-    subject = walking_subject("poseppl_models.choo_fleet:arm", frames="0:6")
+    subject = walking_subject("poseppl_models.bodies.choo_fleet:arm", frames="0:6")
     scene = observe_motion(subject, place_cameras(subject.markers, 0.0), ("camera",))
-    chosen = TrackSettings("poseppl_models.choo_fleet:arm", "particle", {"num_particles": 300}, max_draws=200, **settings)
+    chosen = TrackSettings(
+        "poseppl_models.bodies.choo_fleet:arm", "particle", {"num_particles": 300}, max_draws=200, **settings
+    )
     return track(scene, chosen)
 
 

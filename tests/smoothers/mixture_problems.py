@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.likelihood_mixture import LikelihoodMixture, mixture_of_gaussians

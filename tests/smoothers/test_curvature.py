@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from oracles.kalman import kalman_filter, rauch_tung_striebel
-from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.gaussians.block_tridiagonal import to_dense
 from poseppl.smoothers.curvature import average_precision, draws_about

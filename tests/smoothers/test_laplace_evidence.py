@@ -12,7 +12,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from oracles.kalman import kalman_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 from scipy.integrate import quad
 from scipy.stats import norm, t
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.toys.finite_hmm import finite_hmm
 from scipy.optimize import minimize
 
 from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, block_cholesky, marginal_covariances

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from law_problems import TWO_STATES, problem, z_scores
 from oracles.forward_backward import forward_backward
-from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.toys.finite_hmm import finite_hmm
 
 from poseppl.program import CompiledModel
 from poseppl.smoothers.base import History

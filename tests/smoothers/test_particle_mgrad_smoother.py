@@ -9,8 +9,8 @@ import pytest
 from law_problems import problem, z_scores
 from oracles.grid import growth_on_grid
 from oracles.kalman import rauch_tung_striebel
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.growth import growth
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.growth import growth
 from precision import precision
 from scipy.stats import multivariate_normal
 from test_trajectory_smoother import history_of, positive_model

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from law_problems import frame, independent, problem, z_scores
 from oracles.kalman import kalman_filter, rauch_tung_striebel
-from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.toys.finite_hmm import finite_hmm
+from poseppl_models.toys.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
 from smoothing_problems import Smoothing, filtered_history, history_for_conduct
 
 from poseppl.filters import hmc_filter, particle_filter

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_problems import independent
-from poseppl_models.growth import growth
+from poseppl_models.toys.growth import growth
 from scipy.stats import chi2
 from smoothing_problems import Smoothing, filtered_history
 

@@ -12,7 +12,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import z_scores
 from oracles.kalman import kalman_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
+from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 
 from poseppl.errors import InputError
 from poseppl.filters import kalman_filter as kalman, particle_filter

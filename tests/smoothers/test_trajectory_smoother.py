@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import independent, problem, z_scores
 from oracles.quadrature import moments_on_grid
-from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.toys.finite_hmm import finite_hmm
 from precision import precision
 
 from poseppl.program import StateSpaceModel

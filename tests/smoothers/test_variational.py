@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from mixture_problems import exact_smoothing, joint_prior, mixture_problem
-from poseppl_models.growth import growth
+from poseppl_models.toys.growth import growth
 
 from poseppl.gaussians.block_tridiagonal import marginal_covariances
 from poseppl.gaussians.linear_transitions import transition_structure

@@ -48,7 +48,7 @@ def point_residuals(tree: xr.DataTree) -> Findings:
 
 
 def one_camera(tree: xr.DataTree) -> Findings:
-    """A detector's keypoints of a single camera, where intervals hold less than they say (benchmarks/one_camera.py)."""
+    """A detector's keypoints of a single camera, where intervals hold less than they say (studies/one_camera.py)."""
     if in_one_camera(tree):
         known = provenance(tree)
         mends = ["omit --walk"] if known.get("settings", {}).get("walk") != "mean-reverting" else []

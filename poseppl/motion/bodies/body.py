@@ -142,7 +142,7 @@ class Velocities(NamedTuple):
 
 
 class LastingErrors(NamedTuple):
-    """Errors of points that last from frame to frame, at one frame; ``poseppl_models.detected_points`` has the programs.
+    """Errors of points that last from frame to frame, at one frame; ``poseppl_models.bodies.detected_points`` has the programs.
 
     Attributes:
         shift_scale: Standard deviation () of a marker's place beside its joint, mm.

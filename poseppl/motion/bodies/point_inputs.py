@@ -1,4 +1,4 @@
-"""The inputs of programs of named points in cameras, which the tracker makes and ``poseppl_models.named_points`` takes."""
+"""The inputs of programs of named points in cameras (``poseppl_models.bodies.named_points``), which the tracker makes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Tracking a body in images: the scene, the cameras, a start, the run, and its result."""
 
+from poseppl.motion.recordings.placing import place_cameras as place_cameras
+from poseppl.motion.recordings.subjects import recorded_subject as recorded_subject, walking_subject as walking_subject
 from poseppl.motion.tracking.export import export as export
 from poseppl.motion.tracking.metrics import Metrics as Metrics, measure_run as measure_run
-from poseppl.motion.tracking.placing import place_cameras as place_cameras
 from poseppl.motion.tracking.problem import (
     Problem as Problem,
     make_problem as make_problem,
@@ -14,5 +15,4 @@ from poseppl.motion.tracking.scene import (
     scene_of_observations as scene_of_observations,
 )
 from poseppl.motion.tracking.smooth import SmoothSettings as SmoothSettings, smooth as smooth
-from poseppl.motion.tracking.subjects import recorded_subject as recorded_subject, walking_subject as walking_subject
 from poseppl.motion.tracking.track import TrackSettings as TrackSettings, TrackStopped as TrackStopped, track as track

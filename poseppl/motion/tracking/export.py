@@ -32,8 +32,8 @@ from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion, y_up
 from poseppl.motion.io.rerun_writing import write_rerun
 from poseppl.motion.io.trc import write_trc
+from poseppl.motion.points.named_points import PROGRAMS
 from poseppl.motion.tracking.estimates import Clock, Estimates, angle_estimates, clock_of, place_estimates
-from poseppl.motion.tracking.named_points import PROGRAMS
 from poseppl.runs.results import provenance
 
 COLUMNS = ("frame", "time", "joint", "coordinate", "unit", "mean", "lower", "upper", "sd")

@@ -1,8 +1,8 @@
 """A detector's errors that last, in place of independent ones: the problem of a result, posed with them for its smoothing.
 
-The programs are those of ``poseppl_models.detected_points``, found by name. The body walks with velocities, whose scales are
-learned first (:mod:`poseppl.motion.tracking.velocity_learning`): what the errors may explain has to be weighed against how this
-person moves.
+The programs are those of ``poseppl_models.bodies.detected_points``, found by name. The body walks with velocities, whose scales
+are learned first (:mod:`poseppl.motion.tracking.velocity_learning`): what the errors may explain has to be weighed against how
+this person moves.
 
 A first pose that was sought in the points is not taken for its own prior: its errors are those of the points, which last, and
 what all frames say alike would count once more.
@@ -27,7 +27,7 @@ from poseppl.motion.tracking.walk import time_steps
 from poseppl.runs.run import Constant, frame_inputs
 from poseppl.smoothers.base import History
 
-PROGRAMS = "poseppl_models.detected_points:seen_by_detector"
+PROGRAMS = "poseppl_models.bodies.detected_points:seen_by_detector"
 SHIFT, SHIFTS_LAST = 20.0, 2.0
 """How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5

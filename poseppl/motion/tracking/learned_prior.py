@@ -3,7 +3,7 @@
 The learned angles do what the activity does, and stay from it as far as recordings did; the free coordinates walk, with twice
 the steps of the recordings. Beside the activity there is other motion, in which all angles do so around their mean, and the
 data tell which of the two holds: the result has the probability of the activity, ``prior_mean`` of its summary. The programs
-are those of ``poseppl_models.learned_motion``, found by name.
+are those of ``poseppl_models.bodies.learned_motion``, found by name.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
 from poseppl.runs.run import Constant, frame_inputs
 
-PROGRAMS = "poseppl_models.learned_motion:seen_activity"
+PROGRAMS = "poseppl_models.bodies.learned_motion:seen_activity"
 STEPS = 2.0
 """Steps of a random walk, in units of the root mean square of recorded ones (ours): who is tracked may move faster."""
 SILHOUETTE_NOISE = 200.0
 """Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by how often intervals
-hold of the walks of benchmarks/learned_prior.py in one camera."""
+hold of the walks of studies/learned_prior.py in one camera."""
 
 
 def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, other_motion: bool = True) -> Problem:

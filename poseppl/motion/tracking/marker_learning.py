@@ -1,7 +1,7 @@
 """Where a person's markers sit on the body, learned from the recording.
 
 A body of a few rigid parts has joints that are not quite a person's. A filter takes what lies between them for motion, and its
-intervals are too narrow by it (`python benchmarks/marker_places.py`). Here each marker k may sit beside its own place o_k,
+intervals are too narrow by it (`python -m studies.marker_places`). Here each marker k may sit beside its own place o_k,
 
     o_k + e_k,  e_k ~ N(0, SPREAD^2) along each axis of the part,
 

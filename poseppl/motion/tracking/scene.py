@@ -16,10 +16,10 @@ from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io import CameraRecord, Observations, read_observations
+from poseppl.motion.recordings.placing import cameras_of_records, check_in_front
+from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.body_sizes import subject_lengths
-from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
 from poseppl.motion.tracking.point_data import PointData
-from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.program import CompiledModel, Observation
 
 LEAST_CONFIDENCE = 0.05

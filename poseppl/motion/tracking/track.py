@@ -16,13 +16,13 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError, brief
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
-from poseppl.motion.tracking.assumed_stature import with_statures
+from poseppl.motion.keypoints.assumed_stature import with_statures
+from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
-from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint

@@ -74,7 +74,7 @@ def mean_reverting_steps(body: Body, params: Mapping[str, float], seconds: Float
     """
     known = [index for index, coordinate in enumerate(body.tree.coordinates) if coordinate in body.postures]
     if not known:
-        expected = "a body with postures, such as poseppl_models.choo_fleet:full_body; or fixed, or learned"
+        expected = "a body with postures, such as poseppl_models.bodies.choo_fleet:full_body; or fixed, or learned"
         raise InputError("it is not told how this body holds itself", field="--walk", expected=expected)
     steps, mean, kept = step_scales(body, params, seconds), np.zeros(body.tree.dimension), np.exp(-seconds / MEMORY)[:, None]
     mean[known], spread = np.transpose([body.postures[body.tree.coordinates[index]] for index in known])

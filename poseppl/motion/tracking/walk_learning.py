@@ -9,7 +9,7 @@ coordinates in units of the body's own steps q:
 Angles of a mean-reverting walk keep their steps, which make it stationary.
 
 Who runs goes 8 of the published steps a frame along his way and less than one across it: with one scale for all translations a
-single camera loses his distance (benchmarks/fast_motion.py).
+single camera loses his distance (studies/fast_motion.py).
 
 Each round makes the data more likely in a linear Gaussian model (Shumway and Stoffer 1982,
 doi:10.1111/j.1467-9892.1982.tb00349.x). Here the likelihood is expanded around the last round's trajectory, by its gradient and

@@ -5,8 +5,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from poseppl_models.choo_fleet import full_body
-from poseppl_models.gait import walk
+from poseppl_models.bodies.choo_fleet import full_body
+from poseppl_models.bodies.gait import walk
 
 from poseppl.errors import InputError
 from poseppl.motion.bodies.inverse_kinematics import fit_states

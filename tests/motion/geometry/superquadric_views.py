@@ -8,12 +8,12 @@ import numpy as np
 from cone_views import TREE, last, pose
 from oracles.ray_casting import rays
 from oracles.superquadric_rays import part_is_hit
+from poseppl_models.sminchisescu_triggs.superquadric_outlines import outlines_of, superquadric_distances
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, local_nodes, superquadrics_of
 
 from poseppl.motion.geometry import project
 from poseppl.motion.geometry.coverage import hard_coverage
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.motion.geometry.superquadric_outlines import outlines_of, superquadric_distances
-from poseppl.motion.geometry.superquadrics import Superquadric, local_nodes, superquadrics_of
 
 PIECES = 6
 """Of all shapes here, so that one program does for all."""

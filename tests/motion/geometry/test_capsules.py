@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.body_constraints import parts_apart, within_limits
-from poseppl_models.darby_body import darby_body
-from poseppl_models.du_guan_body import du_guan_body
-from poseppl_models.peursum_body import peursum_body
+from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.images.body_constraints import parts_apart, within_limits
+from poseppl_models.images.capsules import Capsules, clearances, part_capsules, rejected
+from poseppl_models.peursum.cone_body import peursum_body
 from precision import precision
 from scipy.optimize import lsq_linear
 
-from poseppl.motion.geometry.capsules import Capsules, clearances, part_capsules, rejected
 from poseppl.motion.geometry.flesh import part_frames
 
 BODIES = {"darby": (darby_body, 31, 10), "du_guan": (du_guan_body, 24, 14), "peursum": (peursum_body, 28, 12)}

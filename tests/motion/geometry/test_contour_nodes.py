@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.sminchisescu_triggs.contour_nodes import contour_nodes
+from poseppl_models.sminchisescu_triggs.occlusion import hidden
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, part_axes, superquadrics_of
 from precision import precision
 from superquadric_views import last
 
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree, look_at
-from poseppl.motion.geometry.contour_nodes import contour_nodes
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.motion.geometry.occlusion import hidden
-from poseppl.motion.geometry.superquadrics import Superquadric, part_axes, superquadrics_of
 
 pytestmark = pytest.mark.full
 

@@ -11,7 +11,7 @@ from precision import precision
 
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
-from poseppl.motion.tracking.subjects import walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
 
 pytestmark = pytest.mark.full
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 from precision import precision
 
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree, marker_positions

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.bodytrack.outline_samples import Room, Spacing, fixed_sums, interval_counts, pad_maps, spaced_sums
 from precision import precision
 
 from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.outline_samples import Room, Spacing, fixed_sums, interval_counts, pad_maps, spaced_sums
 
 ROOMS = (Room(40, 20, 12), Room(24, 16, 12), Room(40, 20, 12))
 SIZE = (60, 80)

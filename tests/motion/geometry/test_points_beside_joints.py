@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import Array
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.motion.geometry import join_cameras, look_at
 from poseppl.motion.likelihoods import DetectedPoints

@@ -8,7 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.geometry.cameras import look_at, project

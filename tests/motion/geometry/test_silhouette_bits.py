@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.plain_outlines import camera_of, cones_of, hull_silhouette
-from poseppl_models.du_guan_body import du_guan_body
+from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.du_guan.contour_tracing import polygon_descriptors, trace_contours
+from poseppl_models.images.part_samples import bilinear, nearest, pad_maps, weighted_mean
+from poseppl_models.images.silhouette_bits import body_bits, count_ones, grid_points, pack_mask, unpack_bits
 from precision import precision
 
 from poseppl.motion.geometry import look_at
-from poseppl.motion.geometry.contour_tracing import polygon_descriptors, trace_contours
 from poseppl.motion.geometry.flesh import part_frames, parts_of
-from poseppl.motion.geometry.part_samples import bilinear, nearest, pad_maps, weighted_mean
-from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones, grid_points, pack_mask, unpack_bits
 from poseppl.motion.vision import fourier_descriptors, outer_contour
 
 pytestmark = pytest.mark.full

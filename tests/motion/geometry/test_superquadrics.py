@@ -9,14 +9,14 @@ import pytest
 from bodies import JOINTS, mixed_tree, plain_kinematics, states
 from cone_views import camera, four_cameras, overlap
 from oracles.superquadric_rays import is_inside
+from poseppl_models.sminchisescu_triggs.superquadric_outlines import Fineness, contour_points, facing, outlines_of
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, nodes_of, superquadrics_of, surface_nodes
 from precision import epsilon, precision
 from superquadric_views import TREE, distances_of, frame_of, last, placed_nodes, pose, random_part, silhouettes
 
 from poseppl.motion.geometry import Marker
 from poseppl.motion.geometry.batched_score import batched_score
 from poseppl.motion.geometry.coverage import hard_coverage, soft_coverage
-from poseppl.motion.geometry.superquadric_outlines import Fineness, contour_points, facing, outlines_of
-from poseppl.motion.geometry.superquadrics import Superquadric, nodes_of, superquadrics_of, surface_nodes
 
 SIZE = 3000.0  # mm: tolerances in mm are this times the rounding
 BENT = (-0.32, 0.15, 0.0, 0.0, 0.0)

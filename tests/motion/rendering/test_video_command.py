@@ -15,7 +15,7 @@ import xarray as xr
 from poseppl.cli import main
 from poseppl.motion.io import read_cameras, read_masks, read_places
 from poseppl.motion.rendering import Setting, packages
-from poseppl.motion.tracking.video_sources import read_scene_truth
+from poseppl.motion.silhouettes.video_sources import read_scene_truth
 
 pytestmark = pytest.mark.usefixtures("here")
 

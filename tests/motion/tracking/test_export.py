@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from drawn_bodies import drawn_result
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.errors import InputError
 from poseppl.motion.io.c3d import read_c3d

@@ -12,16 +12,16 @@ from poseppl.diagnostics.verdicts import verdicts
 from poseppl.errors import InputError
 from poseppl.filters.suitability import suited_filters
 from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
+from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, recorded_subject, track
 from poseppl.motion.tracking.learned_prior import with_prior
-from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.full
 
-BODY = "poseppl_models.darby:full_body"
-VIDEO_BODY = "poseppl_models.choo_fleet:full_body"
+BODY = "poseppl_models.darby.marker_body:full_body"
+VIDEO_BODY = "poseppl_models.bodies.choo_fleet:full_body"
 
 
 def learn(data_dir, body, path):
@@ -88,8 +88,8 @@ def test_frames_of_other_motion_are_told(data_dir, learned):
 def test_what_a_prior_is_not_for(data_dir, learned):
     for scene, words in (
         (
-            scene_of(data_dir, "poseppl_models.choo_fleet:full_body"),
-            "--model: it was learned with the body poseppl_models.darby",
+            scene_of(data_dir, "poseppl_models.bodies.choo_fleet:full_body"),
+            "--model: it was learned with the body poseppl_models.darby.marker_body",
         ),
         (scene_of(data_dir, frames="0:20:4"), "of 20 frames a second, the scene of 30"),
     ):
@@ -124,7 +124,7 @@ def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_
     pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
     from silhouette_rooms import RECORDS, body, masks_of
 
-    from poseppl.motion.tracking.silhouette_scene import silhouette_scene
+    from poseppl.motion.silhouettes.scene import silhouette_scene
 
     folder = data_dir / "cmu_walks"
     recorded = recorded_subject(folder / "16_16.amc", folder / "16.asf", model=VIDEO_BODY, frames="0:120:6")
@@ -136,7 +136,7 @@ def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_
     assert suited_filters(model) == ("rao-blackwellised",)  # where a frame's pictures are one for all particles
     errors = []
     for settings in ({"filter": "switching", "prior": str(learned_for_videos)}, {"filter": "kalman"}):
-        tree = track(seen, TrackSettings(model="poseppl_models.silhouettes:full_body", **settings))
+        tree = track(seen, TrackSettings(model="poseppl_models.bodies.silhouettes:full_body", **settings))
         apart = tree["summary/markers_mean"].values - tree["truth/markers"].values
         errors.append(np.linalg.norm(apart - apart[:, :1], axis=-1).mean())
     assert errors[0] < 50 and errors[1] > 2 * errors[0], errors

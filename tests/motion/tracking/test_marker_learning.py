@@ -10,15 +10,15 @@ import pytest
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions, project
+from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, problem_of_result, track, walking_subject
 from poseppl.motion.tracking.marker_learning import SPREAD, learn_markers
-from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.point_data import PointData
 
 pytestmark = pytest.mark.full
 
-ARM = "poseppl_models.choo_fleet:arm"
-FULL = "poseppl_models.choo_fleet:full_body"
+ARM = "poseppl_models.bodies.choo_fleet:arm"
+FULL = "poseppl_models.bodies.choo_fleet:full_body"
 
 
 def scene_of(model: str, frames: str, seed: int = 0, cameras: int = 2) -> Scene[PointData]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn_bodies import drawn_result
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 from waiting import PATIENCE
 
 from poseppl.motion.io.mot import read_mot

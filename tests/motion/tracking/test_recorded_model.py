@@ -25,10 +25,10 @@ from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motio
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.runs.results import save_result
 
-ARM = "poseppl_models.choo_fleet:arm"
+ARM = "poseppl_models.bodies.choo_fleet:arm"
 OWN = """
 from pathlib import Path
-from poseppl_models.choo_fleet import arm
+from poseppl_models.bodies.choo_fleet import arm
 Path({mark!r}).touch()
 def build(lengths=None):
     return arm(lengths)
@@ -37,7 +37,7 @@ FAILING = """
 import numpyro
 import numpyro.distributions as dist
 from poseppl.program import StateSpaceModel
-from poseppl_models.choo_fleet import full_body
+from poseppl_models.bodies.choo_fleet import full_body
 def transition(params, pose, inputs):
     numpyro.sample("pose", dist.Normal(0.9 * pose, inputs.step_scale))
 def build(lengths=None):
@@ -81,14 +81,14 @@ def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, mo
         "beside:build",
         "beside.py:build",
         f"{tmp_path}/beside.py:build",
-        "poseppl_models.gait:walk",
+        "poseppl_models.bodies.gait:walk",
         "",
         ":",
         7,
     ]
     for name in [
         *names,
-        "poseppl_models.choo_fleet:measure",
+        "poseppl_models.bodies.choo_fleet:measure",
         "poseppl.runs.results:load_result",
         None,
         ["os:system"],
@@ -122,7 +122,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
     with pytest.raises(InputError, match="no longer, what the result was made with"):
         recorded_model(tree, "own.py:build")
     with pytest.raises(InputError, match="other coordinates"):
-        recorded_model(result, "poseppl_models.choo_fleet:full_body")
+        recorded_model(result, "poseppl_models.bodies.choo_fleet:full_body")
 
 
 @pytest.mark.full
@@ -158,7 +158,7 @@ def test_unknown_lengths_are_refused(result: Any) -> None:
 
 def test_every_body_of_the_models_is_listed() -> None:
     found = set()
-    for module in pkgutil.iter_modules(poseppl_models.__path__, "poseppl_models."):
+    for module in pkgutil.walk_packages(poseppl_models.__path__, "poseppl_models."):
         loaded = importlib.import_module(module.name)
         for name, function in inspect.getmembers(loaded, inspect.isfunction):
             hints = inspect.signature(function)
@@ -176,10 +176,10 @@ def test_every_body_of_the_models_is_listed() -> None:
     ("builder", "told"),
     [
         (
-            "poseppl_models.cone_body:cone_body",
+            "poseppl_models.bodies.cone_body:cone_body",
             "builds no body: TypeError.*missing 2 required positional arguments.*a function of seg",
         ),
-        ("poseppl_models.joint_limits:joint_limits", "builds no body: AttributeError"),
+        ("poseppl_models.bodies.joint_limits:joint_limits", "builds no body: AttributeError"),
         ("builtins:dict.fromkeys", "has no builder 'dict.fromkeys'"),
         ("builtins:repr", "returns a str"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from poseppl_models import choo_fleet, silhouettes
+from poseppl_models.bodies import choo_fleet, silhouettes
 
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import smoother_ranks as benchmark
 
 from poseppl.diagnostics.simulation_based import Calibration, calibration_of
+from studies import smoother_ranks as benchmark
 
 REPLICATES = 24
 

@@ -11,12 +11,12 @@ import pytest
 from poseppl.errors import InputError
 from poseppl.motion.geometry import depth, marker_positions, project
 from poseppl.motion.io import read_cameras, write_cameras, write_observations
+from poseppl.motion.recordings.placing import camera_names, cameras_of_records, records_of_cameras
+from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, scene_of_observations, track, walking_subject
-from poseppl.motion.tracking.placing import camera_names, cameras_of_records, records_of_cameras
 from poseppl.motion.tracking.problem import make_problem, problem_of_result
 from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.start import seek_start
-from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.runs.results import Names, build_result
 
 WALK = walking_subject(frames="0:12")
@@ -95,7 +95,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
-    arm = walking_subject("poseppl_models.choo_fleet:arm", frames="0:3")
+    arm = walking_subject("poseppl_models.bodies.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
     tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20))
     assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.data.points[0].size)
@@ -104,7 +104,7 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(tree["summary/markers_mean"][:, clamped], arm.markers[:, clamped], atol=0.05)
     assert float(tree["diagnostics/joint_error"].mean()) < 50
     with pytest.raises(InputError, match="needs the truth"):
-        scene_of_observations(tmp_path / "none.csv", (), model="poseppl_models.choo_fleet:arm")
+        scene_of_observations(tmp_path / "none.csv", (), model="poseppl_models.bodies.choo_fleet:arm")
 
 
 @pytest.mark.parametrize("turn", [-2.5, 2.5])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from poseppl.diagnostics import verdicts
+from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.tracking import TrackSettings, observe_motion, track, walking_subject
-from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 
 @pytest.fixture(scope="module")
 def scene():
     """The arm of the walk in two cameras; the rest of the body is known."""
-    subject = walking_subject("poseppl_models.choo_fleet:arm", frames="0:30")
+    subject = walking_subject("poseppl_models.bodies.choo_fleet:arm", frames="0:30")
     return observe_motion(subject, cameras_around(subject, count=2), camera_names(2))
 
 

@@ -14,6 +14,7 @@ from poseppl.errors import InputError
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import write_observations
+from poseppl.motion.recordings.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.motion.tracking import (
     TrackSettings,
     make_problem,
@@ -24,7 +25,6 @@ from poseppl.motion.tracking import (
     track,
     walking_subject,
 )
-from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.motion.tracking.problem import body_inputs
 from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.velocity_learning import with_velocities
@@ -43,7 +43,7 @@ from poseppl.motion.tracking.walk_learning import Expansion, expected_steps, lea
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import frame_inputs
 
-ARM = "poseppl_models.choo_fleet:arm"
+ARM = "poseppl_models.bodies.choo_fleet:arm"
 
 
 def scene_of(rate: float, frames: str, model: str = ARM):
@@ -71,7 +71,7 @@ def test_the_motion_of_a_second_has_one_variance_at_any_rate(rate: float, frames
 
 @pytest.mark.full
 def test_at_30_hz_the_steps_are_the_published_ones() -> None:
-    scene = scene_of(30.0, "0:4", "poseppl_models.choo_fleet:full_body")
+    scene = scene_of(30.0, "0:4", "poseppl_models.bodies.choo_fleet:full_body")
     steps = make_problem(scene).record()["step_scale"]
     np.testing.assert_allclose(steps, np.tile(np.where(np.arange(28) < 3, 15.0, 0.15), (4, 1)), rtol=1e-6)
     assert np.array([SIGMA_POSITION, SIGMA_ANGLE]) == pytest.approx([82.158, 0.82158], rel=1e-4)
@@ -229,7 +229,7 @@ def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
 @pytest.mark.parametrize("rate", [30.0, 120.0])
 def test_a_mean_reverting_walk_is_that_of_an_ornstein_uhlenbeck_process(rate: float) -> None:
     """Mean and variance of a second, from a known state, in closed form; the root walks on."""
-    scene = scene_of(rate, f"0:{int(rate) + 1}", "poseppl_models.choo_fleet:full_body")
+    scene = scene_of(rate, f"0:{int(rate) + 1}", "poseppl_models.bodies.choo_fleet:full_body")
     problem = make_problem(scene, mean_reverting=True)
     moments = jax.jit(problem.model.transition_moments)
     body, first = scene.body, np.linspace(-1.0, 1.0, 28)
@@ -267,7 +267,7 @@ def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
 
 @pytest.mark.full
 def test_a_transition_that_is_no_random_walk_is_refused() -> None:
-    scene = scene_of(30.0, "0:3", "poseppl_models.choo_fleet:full_body")
+    scene = scene_of(30.0, "0:3", "poseppl_models.bodies.choo_fleet:full_body")
 
     def transition(params, state, inputs):
         for name, value in state.items():

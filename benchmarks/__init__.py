@@ -1,0 +1,1 @@
+"""Speed and memory beside rivals, in the same run."""

@@ -1,0 +1,80 @@
+"""Limits of joint angles as data, as a hard constraint and as a smooth barrier.
+
+The ranges are those of healthy adults by the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring
+and Recording*, 1965), taken axis by axis: broad ones, as Peursum et al. (2010, section 3.4) ask for, which hold for most
+motions and are specific to none. We know the book through tables that cite it. Shoulder, elbow and forearm (flexion 180,
+extension 60, abduction 180; 0 to 150; 80 both ways) were compared with Norkin and White, *Measurement of Joint Motion: A Guide
+to Goniometry*, Table A.1, and the knee's 135 with such a table; neck, trunk, hip and ankle agree with physiotherapists' tables
+that name no source. Ours, by need: 5 degrees of hyperextension at elbows and knees, and a right angle both ways for the turn
+of the upper arm about the vertical, for the book measures rotation (70 inwards, 90 outwards) with a lifted arm. The clavicle
+is not in the book: 45 degrees up, 10 down, 30 forwards and back are the largest that textbooks of kinesiology give (15 to 30
+for the latter). Signs are those of :mod:`poseppl_models.bodies.cone_body`.
+
+Outside of the limits the hard log-factor is -inf; the barrier is, for widths s,
+
+    log b(x) = sum over coordinates (log sigmoid((x - low) / s) + log sigmoid((high - x) / s)),
+
+which tends to the hard one as s goes to 0, and pulls with the force 1 / s outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.arrays import Floats
+from poseppl.motion.geometry import KinematicTree
+
+LIMIT_WIDTH = 0.05
+"""Radians over which the smooth limits set in."""
+DEGREES: Mapping[tuple[str, str], tuple[float, float]] = {
+    ("thorax", "X"): (-80, 30),
+    ("thorax", "Y"): (-35, 35),
+    ("thorax", "Z"): (-45, 45),
+    ("neck", "X"): (-45, 45),
+    ("neck", "Y"): (-45, 45),
+    ("neck", "Z"): (-60, 60),
+    ("clavicle", "Y"): (-10, 45),
+    ("clavicle", "Z"): (-30, 30),
+    ("shoulder", "X"): (-60, 180),
+    ("shoulder", "Y"): (-75, 180),
+    ("shoulder", "Z"): (-90, 90),
+    ("elbow", "X"): (-5, 150),
+    ("elbow", "Z"): (-80, 80),
+    ("hip", "X"): (-30, 120),
+    ("hip", "Y"): (-30, 45),
+    ("hip", "Z"): (-45, 45),
+    ("knee", "X"): (-135, 5),
+    ("ankle", "X"): (-50, 20),
+}
+"""Least and largest angle (degrees) of a joint about an axis, for the left side; the right one mirrors Y and Z."""
+
+
+def joint_limits(tree: KinematicTree) -> Floats:
+    """Limits (d, 2) in radians of the coordinates of a body; infinite for the root and for what the table leaves out."""
+    limits = np.tile([-np.inf, np.inf], (tree.dimension, 1))
+    for row, (joint, axis) in enumerate(tree.coordinates):
+        name, _, side = joint.partition("_")
+        if (name, axis) in DEGREES:
+            low, high = np.radians(DEGREES[name, axis])
+            limits[row] = (-high, -low) if side == "r" and axis in "YZ" else (low, high)
+    return limits
+
+
+def hard_limits(limits: Any, state: Array) -> Array:
+    """0 where a state (d,) keeps to the limits (d, 2), -inf elsewhere: shape ()."""
+    low, high = jnp.asarray(limits, state.dtype).T
+    return jnp.where(jnp.all((state >= low) & (state <= high)), 0.0, -jnp.inf)
+
+
+def smooth_limits(limits: Any, state: Array) -> Array:
+    """Log-barrier () of a state (d,), at most 0, for limits (d, 2), that sets in over :data:`LIMIT_WIDTH`."""
+    limited = np.flatnonzero(np.isfinite(np.asarray(limits)).all(1))
+    low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T
+    angles = state[limited]
+    return jnp.sum(jax.nn.log_sigmoid((angles - low) / LIMIT_WIDTH) + jax.nn.log_sigmoid((high - angles) / LIMIT_WIDTH))

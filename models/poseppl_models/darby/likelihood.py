@@ -1,0 +1,107 @@
+"""The likelihood of Darby, Li and Costen (2008, section 6.1): samples on cones, and a weight for a single camera.
+
+doi:10.1109/AFGR.2008.4813348.
+
+With several cameras (Eq. 8), V being a map of the silhouette or of the proximity to an edge, both in [0, 1], and xi sample
+points on the cones' surfaces or edges,
+
+    -log p(z | x) = beta sum over both maps of (1 / |xi|) sum over xi of (1 - V(xi))^2.
+
+With a single one the edges are left out, and the error is divided by W (Eq. 9), which falls as the silhouettes' sizes differ:
+
+    W = (1 - |g_z - g_x| / max(g_z, g_x))^gamma,
+
+g being the ratio of foreground to background pixels of the image (z) and of the projected body (x); gamma = 0 is W = 1, and
+the paper uses 5. The paper gives -log p up to a factor, which annealing sets: here it is ``beta``, the inverse temperature
+at which the mean squared errors are a negative log-density.
+
+Samples count by the length of the side or the area of the cell that they stand for. What is not known, or lies outside of
+the image, does not count; where no sample counts the mean error is 1, the largest, so that leaving the image never pays.
+W's ratios are over what is known, on a grid of pixels, and W is at least 1e-6.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.motion.geometry.barrier import computed_once
+from poseppl_models.images.image_program import CameraScore, SeenBody
+from poseppl_models.images.part_samples import (
+    areas,
+    bilinear,
+    inside_points,
+    nearest,
+    side_lengths,
+    side_points,
+    weighted_mean,
+)
+from poseppl_models.images.silhouette_bits import count_ones
+from poseppl_models.images.two_way_evidence import TwoWayEvidence
+
+SIDE_SAMPLES = 8
+GRID = (8, 4)
+"""Rows and columns of samples inside a part."""
+_LEAST_WEIGHT = 1e-6
+
+
+def darby_score(*, smooth: bool = False) -> CameraScore:
+    """Write Eq. 8 for each camera; ``params["beta"]`` is the inverse temperature.
+
+    The evidence's ``inside_error`` and ``edge_error`` hold (1 - V)^2.
+
+    Args:
+        smooth: Whether maps are interpolated between pixels, which gives a gradient.
+    """
+
+    def score(seen: SeenBody) -> Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = _barrier(seen.corners(), smooth)
+        look_up = bilinear if smooth else nearest
+        sides = look_up(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES))
+        on_sides = weighted_mean(sides, side_lengths(corners)[:, :, :, None], 1.0)
+        return -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
+
+    return score
+
+
+def darby_monocular_score(stride: int) -> CameraScore:
+    """Write Eqs. 8 and 9 for silhouettes alone; ``params`` has the inverse temperature ``beta`` and the exponent ``gamma``.
+
+    It has no gradient: the silhouette's size is counted.
+
+    Args:
+        stride: Of the evidence's grid, px.
+    """
+
+    def score(seen: SeenBody) -> Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = _barrier(seen.corners(), False)
+        known = count_ones(evidence.known)
+        image = _ratio(count_ones(evidence.foreground & evidence.known), known)
+        body = _ratio(count_ones(seen.silhouette(stride)), known)
+        weight = size_weight(image, body, seen.params["gamma"])
+        return -seen.params["beta"] * _inside(corners, evidence, False) / weight
+
+    return score
+
+
+def size_weight(image: Array, body: Array, gamma: Array) -> Array:
+    """W of Eq. 9 for two ratios of foreground to background; 1 where both are 0."""
+    largest = jnp.maximum(image, body)
+    disparity = jnp.abs(image - body) / jnp.where(largest > 0, largest, 1.0)
+    return jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
+
+
+def _inside(corners: Array, evidence: TwoWayEvidence, smooth: bool) -> Array:
+    found = (bilinear if smooth else nearest)(evidence.inside_error[..., 0], *inside_points(corners, *GRID))
+    return weighted_mean(found, areas(corners)[:, :, None], 1.0)
+
+
+def _ratio(foreground: Array, known: Array) -> Array:
+    return foreground / jnp.maximum(known - foreground, 1)
+
+
+def _barrier(corners: Array, smooth: bool) -> Array:
+    """Compute corners once, not anew for every sample; the smooth ones are left to the compiler, which differentiates them."""
+    return corners if smooth else computed_once(corners)

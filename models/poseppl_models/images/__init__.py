@@ -1,0 +1,1 @@
+"""What the image-based systems of several papers share."""

@@ -1,0 +1,141 @@
+"""Parts of a body that do not run through each other: the prior p_pa of Sminchisescu and Triggs (2001, section 3.2).
+
+    f_pa = w sum over pairs of parts that do not meet at a joint, of the mean over nodes of exp(-f |f|^(p - 1)),
+
+f being the implicit surface of the other part (:mod:`poseppl_models.sminchisescu_triggs.implicit_surfaces`) in units of some
+millimetres. The paper gives neither p nor that unit, nor says where f is evaluated. Here p = 2, 15 mm, both parts' nodes in the
+other's surface, and w = 20: flesh that touches at one node of twenty costs 1.
+
+Most pairs are far apart in any pose. So points on the axis of every part are first seen in the frame of every other one, in
+units of its half-axes, which are made wider by the part's own; the pairs that come closest by this measure count, and no
+others. A force along the gradient of the potential acts on each node, and its opposite on the other part, so that all
+derivatives follow from one wrench for each pair (:func:`poseppl.motion.geometry.kinematics.derivatives_of_wrenches`).
+
+>>> import jax.numpy as jnp
+>>> from poseppl_models.sminchisescu_triggs.body import superquadric_body
+>>> body = superquadric_body()
+>>> residuals = non_penetration_residuals(body.flesh.names)
+>>> bool(jnp.sum(residuals(jnp.asarray(body.rest, float), body.tree, body.flesh) ** 2) < 1)
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.motion.geometry import KinematicTree
+from poseppl.motion.geometry.batched_score import batched_residuals
+from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
+from poseppl_models.bodies.sides import neighbours_in
+from poseppl_models.sminchisescu_triggs.implicit_surfaces import penetration
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics, local_nodes, part_axes
+
+SOFTNESS = 15.0
+"""Unit of the implicit surfaces, mm."""
+DECAY = 2.0
+"""p."""
+WEIGHT = 20.0
+"""w."""
+NEAREST = 24
+"""Pairs that count in a pose, at most."""
+_TINY = 1e-8
+_AXIS = np.linspace(-0.8, 0.8, 5)
+"""Points of a part's axis, in half-axes."""
+_LATITUDES = np.array([-1.2, -0.55, 0.0, 0.55, 1.2])
+_LONGITUDES = np.arange(4) * np.pi / 2
+_CHAINS = (
+    ("pelvis", "chest", "neck", "head"),
+    ("neck", "upper_arm"),
+    ("chest", "upper_arm", "forearm", "hand"),
+    ("pelvis", "thigh", "shank", "foot"),
+)
+"""Parts that meet: each with the next."""
+
+Penalty = Callable[[Array, KinematicTree, Superquadrics], Array]
+"""A state (d,), the tree and the flesh to residuals, with a gradient by the state."""
+
+
+class _Parts(NamedTuple):
+    """Parts, leaves (P, ..., N or 1): shapes, axes as columns and centres in the world, and nodes in the parts' own frames."""
+
+    flesh: Superquadrics
+    axes: Array
+    centres: Array
+    nodes: Array
+
+
+def non_penetration_residuals(names: Sequence[str], nearest: int = NEAREST) -> Penalty:
+    """Write the cost as residuals, one for each pair that counts, whose squares add up to 2 f_pa.
+
+    Args:
+        names: Of the P parts; those that meet at a joint are told by them.
+        nearest: Pairs that count, those that are closest to each other.
+    """
+    pairs = np.array(apart(names), int).reshape(-1, 2)
+
+    def residuals(state: Array, tree: KinematicTree, flesh: Superquadrics) -> tuple[Array, Array]:
+        count = state.shape[-1]
+        if not len(pairs):
+            return jnp.zeros((0, count), state.dtype), jnp.zeros((0, *state.shape), state.dtype)
+        frames = frames_of(tree, state)
+        nodes = local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)).points
+        parts = _Parts(flesh, *part_axes(flesh, frames), nodes.reshape(len(nodes), -1, *nodes.shape[3:]))
+        chosen = jnp.asarray(pairs)[_closest(parts, pairs, nearest)]  # (K, N, 2)
+        wall, guest = (_taken(parts, chosen[..., side]) for side in range(2))
+        found, force, moment = _repulsion(wall, guest)
+        links = jnp.asarray(flesh.links)[chosen]
+        of_guest, of_wall = (derivatives_of_wrenches(tree, frames, force, moment, links[..., side]) for side in (1, 0))
+        residual = jnp.sqrt(2 * WEIGHT * found + _TINY)
+        return residual, WEIGHT * (of_guest - of_wall) / residual[:, None]
+
+    return batched_residuals(residuals)
+
+
+def _closest(parts: _Parts, pairs: np.ndarray[Any, Any], number: int) -> Array:
+    """The pairs that come closest (K, N), in their order: by the guest's axis in the wall's ellipsoid, which is made wider."""
+    wall, guest = pairs.T
+    shape, ends = parts.flesh.half_axes[wall], parts.flesh.half_axes[guest]
+    along = jnp.asarray(_AXIS, ends.dtype)[:, None, None] * (parts.axes[guest, :, 2] * ends[:, 2, None])[:, None]
+    seen = _inverse(parts.axes[wall], along + (parts.centres[guest] - parts.centres[wall])[:, None])
+    wide = (shape + jnp.maximum(ends[:, 0], ends[:, 1])[:, None])[:, None]
+    nearness = -jnp.min(jnp.sum((seen / wide) ** 2, 2), 1)
+    return jnp.sort(jax.lax.top_k(nearness.T, min(number, len(pairs)))[1], 1).T
+
+
+def _repulsion(wall: _Parts, guest: _Parts) -> tuple[Array, Array, Array]:
+    """Potentials (K, N) of guests' nodes, and gradients by a shift of the guest and by its turn about the world's origin."""
+    turned = jnp.sum(guest.axes[:, None] * guest.nodes[:, :, None], 3)
+    points = _inverse(wall.axes, turned + (guest.centres - wall.centres)[:, None])
+    found, pull = jax.vjp(lambda places: penetration(wall.flesh, places, softness=SOFTNESS, decay=DECAY), points)
+    forces = pull(jnp.ones_like(found))[0]
+    about_centre = jnp.sum(jnp.cross(points, forces, axis=2), 1)
+    force, moment = (jnp.sum(wall.axes * each[:, None], 2) for each in (jnp.sum(forces, 1), about_centre))
+    return found, force, moment + jnp.cross(wall.centres, force, axis=1)
+
+
+def _inverse(axes: Array, vectors: Array) -> Array:
+    """Vectors (K, n, 3, N) of the world in frames with such axes (K, 3, 3, N)."""
+    return jnp.sum(axes[:, None] * vectors[..., None, :], 2)
+
+
+def _taken(parts: _Parts, index: Array) -> _Parts:
+    """The parts of such numbers (K, N)."""
+
+    def rows(leaf: Array) -> Array:
+        whole = jnp.broadcast_to(leaf, (*leaf.shape[:-1], index.shape[-1]))
+        return jnp.take_along_axis(whole, index.reshape(len(index), *[1] * (leaf.ndim - 2), -1), 0)
+
+    taken: _Parts = jax.tree.map(rows, parts)
+    return taken
+
+
+def apart(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Ordered pairs of parts that do not meet at a joint; those of one side are told by ``_l`` and ``_r``."""
+    meet, count = neighbours_in(_CHAINS), len(names)
+    return tuple((i, j) for i in range(count) for j in range(count) if i != j and not meet(names[i], names[j]))

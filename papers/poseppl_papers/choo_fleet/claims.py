@@ -1,0 +1,148 @@
+"""The published claims: theirs and ours, whether each holds, and which numbers say so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from poseppl_papers.choo_fleet.plan import PUBLISHED_UPDATES
+from poseppl_papers.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, claims_by_table, verdict_of
+from poseppl_papers.tables import Table
+
+_NAMES = {"arm": "4-D arm", "lower_body": "10-D lower body", "full_body": "28-D full body"}
+_RULE = 0.15
+_QUARTER = 1.25
+PUBLISHED_LEAPFROG = 40
+"""L of the full body in Table 1."""
+
+
+_FIGURES = {"log_likelihood": "log-likelihood of the mean state (Fig. 4)", "log_prior": "log prior of the true state (Fig. 5)"}
+_READINGS = {
+    1: ("standard deviations", "the volumes within one standard deviation, as Eq. 7 has them"),
+    2: ("variances", "the marginal variances, which sections 3 and 7.3 name; the square of the other reading"),
+}
+
+
+def _speed_ups(tables: Tables) -> list[Claim]:
+    return [_speed_up(row) for row in tables["speed_ups"].select(by="seconds")]
+
+
+def _bounds(tables: Tables) -> list[Claim]:
+    return [_bound(row, power) for power in _READINGS for row in tables["volumes"].select(volume="marginal")]
+
+
+def _over_time(tables: Tables) -> Iterator[Claim]:
+    for tracker in tables["sequence"].values("tracker"):
+        methods = tables["sequence"].values("method", tracker=tracker)
+        rivals = [method for method in methods if method.startswith("particle filter")]
+        yield from (_higher(tables, tracker, rival, name) for name in _FIGURES for rival in rivals)
+
+
+def _rejections(tables: Tables) -> list[Claim]:
+    published = [number for number in tables["tuning"].values("leapfrog") if number == PUBLISHED_LEAPFROG]
+    return [_rejection(tables["tuning"], number) for number in (None, *published)]
+
+
+def _speed_up(row: tuple[Any, ...]) -> Claim:
+    tracker, _, ratio, low, high, outside, published = row
+    faster = published > 1
+    theirs = _faster(published)
+    ends = (low, high) if ratio > 1 else (high, low)
+    ours = f"{_faster(ratio)} ({' to '.join(map(_times, ends))})"
+    if low <= 1 <= high:
+        verdict, why = UNDECIDED, "the interval holds 1"
+    elif (ratio > 1) != faster:
+        verdict, why = FAILS, "the other filter is the faster one"
+    elif 1 / 3 < ratio / published < 3:
+        verdict, why = HOLDS, "within a factor of three"
+    else:
+        side = "larger" if (ratio > published) == faster else "smaller"
+        verdict, why = "holds in direction", f"the advantage is {side} than published"
+    if outside:
+        why += f"; {outside:.0%} of the settings extrapolate the particle filter as 1/N, which flatters it"
+    return Claim(f"Time at equal variance, {_NAMES[tracker]} (Figs. 2, 3)", theirs, ours, verdict, why)
+
+
+def _faster(ratio: float) -> str:
+    """Who is faster, and how many times."""
+    return f"{'HMC' if ratio > 1 else 'particle filter'} {_times(ratio)} times faster"
+
+
+def _times(ratio: float) -> str:
+    times = max(ratio, 1 / ratio)
+    return f"{times:,.0f}" if times >= 10 else f"{times:.1f}"
+
+
+def _bound(row: tuple[Any, ...], power: int) -> Claim:
+    """The bound on N from the ratios of standard deviations (power 1), or from those of variances (power 2)."""
+    tracker, _, *exponents, published = row
+    value, low, high = (power * exponent for exponent in exponents)
+    name, why = _READINGS[power]
+    holds = abs(value - published) <= 1
+    distance = (
+        "within a power of ten"
+        if holds
+        else f"10^{abs(value - published):.1f} times {'fewer' if value < published else 'more'}"
+    )
+    ours = f"10^{value:.1f} (frames from {low:.1f} to {high:.1f})"
+    if tracker == "full_body":
+        distance += "; theirs is an extrapolation"
+    what = f"Least particles, {_NAMES[tracker]} (section 7.3), from {name}"
+    return Claim(what, f"10^{published:.0f}", ours, verdict_of(holds), f"{distance}; {why}")
+
+
+def _higher(tables: Tables, tracker: str, rival: str, name: str) -> Claim:
+    table = tables["sequence"]
+    (hmc, hmc_error), (particle, particle_error) = (
+        [table.column(each, tracker=tracker, method=method)[1:] for each in (name, f"{name}_standard_error")]
+        for method in ("HMC filter", rival)
+    )
+    difference = hmc - particle
+    error = np.sqrt(hmc_error**2 + particle_error**2)
+    above, below = (float(np.mean(sign * difference > 2 * error)) for sign in (1, -1))
+    verdict = HOLDS if above >= 0.8 else "holds in part" if above > max(0.2, below) else FAILS
+    shares = f"higher in {above:.0%}, lower in {below:.0%} of the frames"
+    ours = f"mean difference {difference.mean():.3g}; by two standard errors {shares}"
+    why = f"against the {rival}{_time_of(tables, tracker, rival)}"
+    if max(above, below) <= 0.2:
+        why += "; both filters do as well"
+    return Claim(f"{_FIGURES[name]}, {_NAMES[tracker]}", "HMC higher", ours, verdict, why)
+
+
+def _time_of(tables: Tables, tracker: str, rival: str) -> str:
+    """How long the rival took, in units of the HMC filter's time: in the same runs, and timed alone at one frame."""
+    told = []
+    if "sequence_summary" in tables:
+        summary = tables["sequence_summary"]
+        rate = [summary.column("frames_per_second", tracker=tracker, method=each)[0] for each in ("HMC filter", rival)]
+        told.append(f"{rate[0] / rate[1]:.1f} times as long")
+        if "variances" in tables and tables["variances"].select(tracker=tracker, method="hmc", size=PUBLISHED_UPDATES):
+            number = summary.column("evaluations_per_frame", tracker=tracker, method=rival)[0]
+            told.append(f"{_alone(tables['variances'], tracker, number):.1f} times when timed alone at one frame")
+    return f", which took {', '.join(told)}" if told else ""
+
+
+def _alone(table: Table, tracker: str, num_particles: float) -> float:
+    """Seconds of N particles over those of HMC with the R of sequences, from the single frames."""
+    size, seconds = (table.column(name, tracker=tracker, method="particle") for name in ("size", "seconds"))
+    order = np.argsort(size)
+    spent = np.exp(np.interp(np.log(num_particles), np.log(size[order]), np.log(seconds[order])))
+    return float(spent / table.column("seconds", tracker=tracker, method="hmc", size=PUBLISHED_UPDATES)[0])
+
+
+def _rejection(table: Table, leapfrog: int | None) -> Claim:
+    """The rule of 15 %: at the cheapest L of all, or at one; it holds where 15 % cost at most a quarter more than the least."""
+    rows = [row for row in table.rows if np.isfinite(row[5]) and leapfrog in (None, row[0])]
+    best = min(rows, key=lambda row: row[5])
+    curve = sorted(row[2:6:3] for row in rows if row[0] == best[0])
+    rejection, cost = np.transpose(curve)
+    ratio = float(np.exp(np.interp(_RULE, rejection, np.log(cost)))) / best[5]
+    ours = f"cheapest at {best[2]:.1%} (L = {best[0]}, step size {best[1]:g}, {best[5]:.3g} gradients a draw)"
+    why = f"at 15 % a draw costs {ratio:.1f} times as much"
+    where = "the cheapest L" if leapfrog is None else f"the published L = {leapfrog}"
+    return Claim(f"Best step size rejects about 15 % (section 7.5), {where}", "15 %", ours, verdict_of(ratio <= _QUARTER), why)
+
+
+claims = claims_by_table({"speed_ups": [_speed_ups], "volumes": [_bounds], "sequence": [_over_time], "tuning": [_rejections]})

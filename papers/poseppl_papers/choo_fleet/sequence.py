@@ -1,0 +1,183 @@
+"""The jobs of section 7.4 and of the contest: any filter of the library on a sequence of frames, run after run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
+from poseppl.diagnostics.calibration import between, joint_error
+from poseppl.filters.chains import ChainState
+from poseppl.motion.tracking.problem import Problem
+from poseppl.particles.stacks import prepend, split_first
+from poseppl.program.population import log_transitions_into
+from poseppl.runs.algorithms import FILTERS
+from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.results import QUANTILES
+from poseppl_papers.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
+from poseppl_papers.choo_fleet.tracker_job import TrackerJob
+from poseppl_papers.clock import timed
+from poseppl_papers.recordings import Recording
+from poseppl_papers.runs import stacked
+
+Settings = tuple[tuple[str, Any], ...]
+LEVELS = (0.5, 0.9)
+_SEED = 74
+
+
+@dataclass(frozen=True)
+class SequenceRuns(TrackerJob):
+    """Runs of one filter on one sequence.
+
+    Attributes:
+        method: What the filter is called in tables.
+        filter: Its name in the library.
+        settings: Its settings.
+        num_frames: How many frames, from the second on.
+        runs: Numbers of the runs; each has noise of its own, which all filters share.
+    """
+
+    version: ClassVar[int] = 2
+    method: str
+    filter: str
+    settings: Settings
+    num_frames: int
+    runs: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Tracker, recording, method and the first run."""
+        return f"sequence-{self.system}-{self.recording.name}-{self.method}-{self.runs[0]}".replace(",", "")
+
+    @property
+    def cost(self) -> float:
+        """Relative to a second."""
+        settings = FILTERS[self.filter].complete(dict(self.settings))
+        size = settings.get("num_particles", 0) * 3e-6
+        if "num_chains" in settings:
+            size = settings["num_chains"] * settings["num_updates"] * settings["num_leapfrog"] * 4e-6
+        return 5.0 + len(self.runs) * self.num_frames * max(float(size), 0.01)
+
+
+def run_sequence(job: SequenceRuns) -> dict[str, Any]:
+    """Run the filter.
+
+    Returns:
+        For each run and frame (run, frame): ``log_likelihood`` of the mean state, ``log_prior`` of the true state given the
+        past (NaN at the first frame), ``error`` and ``error_relative`` of the markers' means (mm), ``inside_state`` and
+        ``inside_markers``, the share of coordinates inside of their central intervals (run, level, frame); ``mean``
+        (run, frame, d) and ``markers`` (run, frame, marker, 3); ``seconds`` (run,) of the whole sequence, compilation apart;
+        ``num_likelihood`` and ``num_gradient`` (run, frame).
+    """
+    function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
+
+    def find(rng_key: Array, problem: Problem, truth: Floats) -> tuple[dict[str, Any], float]:
+        return timed(function, rng_key, *_arguments(problem, truth))
+
+    return score_runs(job, find)
+
+
+def score_runs(job: SequenceRuns, find: Callable[[Array, Problem, Floats], tuple[dict[str, Any], float]]) -> dict[str, Any]:
+    """Compare what is found in each run of a job, and the seconds that it took, with the truth."""
+    frames = slice(1, 1 + job.num_frames)
+    rows: list[dict[str, Any]] = []
+    for run in job.runs:
+        stage = stage_of(job.recording, job.system, run)
+        problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
+        found, seconds = find(jax.random.fold_in(jax.random.key(_SEED), run), problem, true_states(stage, frames))
+        rows.append({"seconds": seconds} | _score(found, stage, frames))
+    return stacked(rows)
+
+
+def true_states(stage: Stage, frames: slice) -> Floats:
+    """The free coordinates (T, d)."""
+    return stage.states[frames][:, list(stage.body.free_coordinates)]
+
+
+def _score(found: Mapping[str, Any], stage: Stage, frames: slice) -> dict[str, Any]:
+    markers = stage.markers[frames]
+    root = stage.body.tree.marker_names.index(stage.body.root)
+    distance = joint_error(found["markers_mean"], markers, root)
+    return {
+        **{name: found[name] for name in ("log_likelihood", "log_prior", "num_likelihood", "num_gradient")},
+        "mean": found["state_mean"],
+        "markers": found["markers_mean"],
+        "error": np.mean(distance.absolute, -1),
+        "error_relative": np.mean(distance.relative, -1),
+        "inside_state": _inside(found["state_quantile"], true_states(stage, frames)),
+        "inside_markers": _inside(found["markers_quantile"], markers),
+    }
+
+
+def _inside(quantiles: Any, truth: Any) -> Floats:
+    """Share of coordinates in the central intervals, (level, frame)."""
+    shares = []
+    for level in LEVELS:
+        low, high = (int(np.argmin(np.abs(np.array(QUANTILES) - (1 + sign * level) / 2))) for sign in (-1, 1))
+        hits = between(quantiles[:, low], quantiles[:, high], truth)
+        shares.append(hits.reshape(len(hits), -1).mean(1))
+    return np.stack(shares)
+
+
+def _arguments(problem: Problem, truth: Any) -> tuple[Any, ...]:
+    sequence = frame_sequence(problem.observations, problem.inputs, len(truth))
+    observations, varying = sequence.rows(0, len(truth))
+    arguments: tuple[Any, ...] = jax.device_put((observations, varying, sequence.constant, jnp.asarray(truth)))
+    return arguments
+
+
+@lru_cache(maxsize=8)
+def _compiled(recording: Recording, system: str, filter: str, settings: Settings, num_frames: int) -> Callable[..., Any]:
+    """The filter over a whole sequence, run once so that it is compiled."""
+    stage = stage_of(recording, system)
+    frames = slice(1, 1 + num_frames)
+    problem = pose_sequence(stage, frames, stage.points[frames])
+    model = problem.model
+    built, _ = FILTERS[filter].build(model, dict(settings))
+    layout = frame_sequence(problem.observations, problem.inputs, num_frames).layout
+    collect = problem.collector(2)
+
+    def measure(rng_key: Array, state: Any, info: Any, observation: Any, inputs: Any) -> dict[str, Array]:
+        summary = collect(rng_key, state, info, inputs).summary
+        kept = {name: summary[name] for name in ("state_mean", "state_quantile", "markers_mean", "markers_quantile")}
+        kept["log_likelihood"] = model.log_observation(summary["state_mean"], observation, inputs)
+        return kept | {"num_likelihood": info.num_likelihood, "num_gradient": info.num_gradient}
+
+    def log_prior(state: Any, truth: Array, inputs: Any) -> Array:
+        """Log-density of the true state under the mixture of transitions from the last frame's particles."""
+        particles, weights = state.particles, state.log_weights
+        if isinstance(state, ChainState):  # the last draw of each chain, as in Eq. 9
+            particles, weights = particles[:, -1], weights[:, -1]
+        terms = log_transitions_into(model, truth, particles.reshape(-1, model.dimension), inputs)
+        weights = weights.reshape(-1)
+        return jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights)
+
+    def run(rng_key: Array, observations: Any, varying: Any, constant: Any, truth: Array) -> dict[str, Array]:
+        def step(state: Any, row: Any) -> tuple[Any, dict[str, Array]]:
+            key, observation, varying, true = row
+            inputs = layout.join(varying, constant)
+            key_step, key_measure = jax.random.split(key)
+            prior = log_prior(state, true, inputs)
+            state, info = built.step(key_step, state, observation, inputs)
+            return state, measure(key_measure, state, info, observation, inputs) | {"log_prior": prior}
+
+        keys = jax.random.split(rng_key, num_frames)
+        first, rest = split_first((observations, varying))
+        inputs = layout.join(first[1], constant)
+        key_init, key_measure = jax.random.split(keys[0])
+        state, info = built.init(key_init, first[0], inputs)
+        start = measure(key_measure, state, info, first[0], inputs) | {"log_prior": jnp.full((), jnp.nan)}
+        _, later = jax.lax.scan(step, state, (keys[1:], *rest, truth[1:]))
+        return prepend(start, later)
+
+    function = jit(run)
+    timed(function, jax.random.key(0), *_arguments(problem, true_states(stage, frames)))
+    return function

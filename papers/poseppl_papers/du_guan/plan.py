@@ -1,0 +1,134 @@
+"""Which jobs each part has, and how large they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from poseppl_papers.du_guan.mueller import SAMPLERS, MuellerRuns, sample_mueller
+from poseppl_papers.experiment import Task
+from poseppl_papers.images.plan import tracking_tasks
+from poseppl_papers.images.scenes import Scene
+from poseppl_papers.images.systems import Method, System
+from poseppl_papers.recordings import Recording
+
+SYSTEM = System("du-guan", "poseppl_models.images.image_systems:du_guan_system", 1)
+EVALUATIONS = 5_000, 3_500
+"""Of CONDENSATION and the annealed filter, and of DE-MC, a frame."""
+PREDICTIONS = ("velocity", "transition")
+SEQUENCES = ((7, 500), (9, 600))
+"""Layers and particles of a layer, of the first sequence and of the others."""
+CUES = {"overlap_scale": 1.0, "colour_scale": 0.3, "boundary_scale": 0.3}
+"""Scales of the three cues as the other parts have them."""
+
+
+class Scale(NamedTuple):
+    """How much is computed.
+
+    Attributes:
+        runs: Of each filter.
+        num_frames: How many are tracked.
+        scene_frames: Of the scene, whose largest changes between frames are the diffusion.
+        size: Width and height of the images, px.
+        share: Of the published numbers of particles.
+        layers: Numbers of DE-MC's layers.
+        members: Samples on Mueller's surface.
+        iterations: Of each.
+        surface_runs: Runs of each sampler.
+        temperatures: Of the surface.
+        sequence_frames: Of each sequence.
+        factors: Of the scale of one cue after the other.
+    """
+
+    runs: int = 10
+    num_frames: int = 30
+    scene_frames: int = 40
+    size: tuple[int, int] = (640, 480)
+    share: float = 1.0
+    layers: tuple[int, ...] = (2, 5, 7)
+    members: int = 200
+    iterations: int = 30
+    surface_runs: int = 20
+    temperatures: tuple[float, ...] = (5.0, 15.0, 50.0)
+    sequence_frames: int = 40
+    factors: tuple[float, ...] = (1 / 3, 3.0)
+
+
+FULL = Scale()
+QUICK = Scale(
+    runs=2,
+    num_frames=5,
+    scene_frames=5,
+    size=(320, 240),
+    share=0.02,
+    layers=(2, 7),
+    members=40,
+    surface_runs=4,
+    sequence_frames=5,
+    factors=(3.0,),
+)
+
+
+def methods(scale: Scale) -> list[Method]:
+    """The filters of Figs. 4 and 5; the first population of DE-MC is evaluated, too, so that T layers have T + 1 of them."""
+    whole, shorter = (round(scale.share * number) for number in EVALUATIONS)
+    layer = whole // 10
+    found = [
+        Method(f"CONDENSATION, {whole:,}", "particle", (("num_particles", whole),)),
+        Method(f"APF, 10 x {layer:,}", "annealed", (("num_layers", 10), ("num_particles", layer))),
+    ]
+    for prediction in PREDICTIONS:
+        for layers in scale.layers:
+            count = shorter // (layers + 1)
+            found.append(layered(layers, count, prediction))
+    return found
+
+
+def _scene(scale: Scale, recording: Recording, num_frames: int) -> Scene:
+    return Scene(recording, False, num_frames, width=scale.size[0], height=scale.size[1])
+
+
+def plan_trackers(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Figs. 4 and 5: average sample weights."""
+    scene = _scene(scale, recordings[0], scale.scene_frames)
+    rivals = [(SYSTEM, method) for method in methods(scale)]
+    return tracking_tasks([scene], rivals, scale.num_frames, scale.runs, weighs=True)
+
+
+def layered(layers: int, members: int, prediction: str) -> Method:
+    """DE-MC of so many layers, of so many particles each."""
+    settings = (("num_layers", layers), ("num_particles", members), ("prediction", prediction))
+    return Method(f"DE-MC ({prediction}), {layers} layers of {members:,}", "demc", settings)
+
+
+def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Fig. 3: the first recording is sequence 1, tracked by 7 layers of 500, the others are tracked by 9 layers of 600."""
+    tasks: dict[str, Task] = {}
+    for number, recording in enumerate(recordings):
+        scene = _scene(scale, recording, scale.sequence_frames)
+        layers, members = SEQUENCES[min(number, 1)]
+        method = layered(layers, round(scale.share * members), PREDICTIONS[0])
+        own = tracking_tasks([scene], [(SYSTEM, method)], scale.sequence_frames, scale.runs, weighs=True)
+        tasks = {name: Task(task.function, [*(tasks[name].jobs if tasks else ()), *task.jobs]) for name, task in own.items()}
+    return tasks
+
+
+def plan_scales(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Sequence 1 with the scale of one cue after the other changed."""
+    scene = _scene(scale, recordings[0], scale.scene_frames)
+    layers, members = SEQUENCES[0]
+    method = layered(layers, round(scale.share * members), PREDICTIONS[0])
+    changed = [(cue, factor * value) for cue, value in CUES.items() for factor in scale.factors]
+    systems = [SYSTEM, *(replace(SYSTEM, name=f"{cue} {value:.2g}", settings=((cue, value),)) for cue, value in changed)]
+    return tracking_tasks([scene], [(system, method) for system in systems], scale.num_frames, scale.runs, weighs=True)
+
+
+def plan_mueller(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Fig. 2b: who finds the basins of Mueller's surface."""
+    jobs = [
+        MuellerRuns(sampler, temperature, scale.members, scale.iterations, scale.surface_runs)
+        for temperature in scale.temperatures
+        for sampler in SAMPLERS
+    ]
+    return {"surface": Task(sample_mueller, jobs)}

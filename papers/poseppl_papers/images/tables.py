@@ -1,0 +1,79 @@
+"""Tables of filters on scenes, and how pages tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl_papers.experiment import Jobs, Results, Tables
+from poseppl_papers.images.tracking import CLOSEST, FIGURES, HOLDING, Blind, Tracking
+from poseppl_papers.measured import measured, over_runs
+from poseppl_papers.runs import joined
+from poseppl_papers.tables import Table, grouped, rows_of
+
+COLUMNS = (
+    *("system", "scene", "cameras", "frames", "runs", "method", "evaluations"),
+    *(name + end for name in FIGURES for end in ("", "_sd")),
+    *("seconds", "weight", "weight_sd", "failed"),
+)
+ERRORS_ARE = (
+    "Filters run on a recorded walk, rendered at 30 Hz in a room with a camera of 640 x 480 in every corner. Errors are mean "
+    'distances of fifteen virtual markers from the truth, mm, +- standard deviation over runs, and "best particle" is the '
+    "optimistic error. The body has the person's size, and the start is the true first pose."
+)
+"""What all pages of such experiments say."""
+ABOUT = (
+    "Errors of fifteen virtual markers, mm: of the mean, relative to the pelvis, the particles' mean relative error by weight, "
+    "and that of the best particle; means over runs of each run's mean over frames, and standard deviations over runs, without "
+    "the frame where a run starts. Seconds a frame are the median's, without features and compilation; weight is the mean "
+    "likelihood of a frame's particles."
+)
+
+
+def tracking_table(name: str, blind: Sequence[Blind], jobs: Sequence[Tracking], results: Results) -> Table:
+    """One row a system, scene and method, the two trackers that see nothing before the others."""
+    rows: list[tuple[Any, ...]] = []
+    for job in blind:
+        rows += _blind_rows(job, results[job.key]["errors"])
+        own = [each for each in jobs if (each.scene, each.system, each.num_frames) == (job.scene, job.system, job.num_frames)]
+        rows += [filter_row(group, results) for group in grouped(own, lambda each: each.method.name).values()]
+    return Table(name, COLUMNS, rows, ABOUT)
+
+
+def _head(job: Blind | Tracking, runs: int, method: str) -> tuple[Any, ...]:
+    return job.system.name, job.scene.name, job.system.views, job.num_frames, runs, method
+
+
+def _blind_rows(job: Blind, errors: Floats) -> Iterator[tuple[Any, ...]]:
+    for method, each in zip((HOLDING, CLOSEST), errors, strict=True):
+        figures = [number for mean in each[1:].mean(0) for number in (float(mean), np.nan)]
+        yield *_head(job, 1, method), 0, *figures, np.nan, np.nan, np.nan, 0
+
+
+def filter_row(jobs: Sequence[Tracking], results: Results) -> tuple[Any, ...]:
+    """The row of a filter, of all jobs with its runs."""
+    found = joined(jobs, results)
+    errors = found["errors"][:, 1:].mean(1)
+    figures = [number for column in errors.T for number in over_runs(column.tolist())[:2]]
+    weight = over_runs(found["weight"].mean(1).tolist())
+    head = _head(jobs[0], len(errors), jobs[0].method.name)
+    seconds = float(np.median(found["seconds"][:, 1:]))
+    return *head, int(found["evaluations"][0]), *figures, seconds, *weight[:2], int(found["failed"].sum())
+
+
+def told_errors(row: Mapping[str, Any]) -> list[str]:
+    """Absolute, relative and best particle's errors of a row, mm, with their standard deviations over runs."""
+    return [measured(row, name).told() for name in ("absolute", "relative", "optimistic")]
+
+
+def tracked(name: str, jobs: Jobs, results: Results) -> list[Table]:
+    """The one table of a part of :func:`poseppl_papers.images.plan.tracking_tasks`."""
+    return [tracking_table(name, jobs["blind"], jobs["tracking"], results)]
+
+
+def filter_rows(tables: Tables, name: str, **where: Any) -> list[dict[str, Any]]:
+    """Rows of filters, without those of trackers that see nothing; none where there is no such table."""
+    return [row for row in rows_of(tables, name, **where) if row["method"] not in (HOLDING, CLOSEST)]

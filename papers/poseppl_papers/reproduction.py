@@ -1,0 +1,118 @@
+"""Run an experiment, or parts of it: jobs, then tables, figures and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from poseppl.errors import FilePath, InputError
+from poseppl.jobs import Executor, JobProgress, run_jobs
+from poseppl.jobs.progress import Silent
+from poseppl.jobs.versions import versions
+from poseppl.report.picture import save_picture
+from poseppl_papers.experiment import Experiment, Part, Tables, Task
+from poseppl_papers.page import write_page
+from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl_papers.recordings import BUILT_IN, Recording
+from poseppl_papers.tables import Table, write_netcdf
+from poseppl_papers.total_progress import TotalProgress
+
+
+def reproduce(
+    experiment: Experiment,
+    folder: FilePath,
+    *,
+    parts: Sequence[str] = (),
+    recordings: Sequence[Recording] = (BUILT_IN,),
+    scale: Any = None,
+    executor: Executor | str | None = None,
+    progress: JobProgress | None = None,
+) -> Tables:
+    """Run parts of an experiment; what the folder holds already is not computed again, and the page tells all of it.
+
+    Args:
+        experiment: The experiment.
+        folder: Where jobs (``jobs/``), tables (CSV, ``tables.nc``), figures (PNG) and the page (``page.md``) go.
+        parts: Names of the parts; if empty, all, or those that the built-in walk is enough for where nothing else is seen.
+        recordings: Who is seen; parts that see one take the first.
+        scale: How much is computed; the experiment's ``full`` if None.
+        executor: As :func:`poseppl.jobs.run_jobs` takes it.
+        progress: Who is told.
+
+    Returns:
+        The tables of these parts by name.
+
+    Raises:
+        InputError: A recording or the folder cannot be used, or the recordings are not enough for a part; before the first job.
+        JobError: Jobs failed; the results of the others are kept.
+    """
+    target, size, progress = Path(folder), experiment.full if scale is None else scale, progress or Silent()
+    tables: dict[str, Table] = {}
+    plans = _plans(experiment, parts, size, recordings, progress)
+    total = TotalProgress(progress, [task for tasks in plans.values() for task in tasks.values()], target / "jobs")
+    for name, tasks in plans.items():
+        part = experiment.parts[name]
+        jobs = {key: task.jobs for key, task in tasks.items()}
+        results: dict[str, Mapping[str, Any]] = {}
+        for task in tasks.values():
+            own = total.of_task(task)
+            results |= run_jobs(task.function, task.jobs, target / "jobs", executor=executor, progress=own)
+        made = {table.name: table for table in part.tabulate(jobs, results)}
+        tables |= made
+        how = _provenance(experiment, name, size, recordings)
+        write_folder(
+            target, {key: Kept(table, how._replace(recordings=_seen(table, part, recordings))) for key, table in made.items()}
+        )
+        for file, picture in part.draw(tables, jobs, results).items():
+            save_picture(picture, target / file)
+        write_netcdf([each.table for each in read_folder(target).values()], target / "tables.nc")
+        write_page(experiment, target)
+    return tables
+
+
+def _plans(
+    experiment: Experiment, parts: Sequence[str], scale: Any, recordings: Sequence[Recording], progress: JobProgress
+) -> dict[str, Mapping[str, Task]]:
+    """The tasks of the parts, all before the first job is run.
+
+    Raises:
+        InputError: The recordings are not enough for a part.
+    """
+    plans: dict[str, Mapping[str, Task]] = {}
+    obstacles: dict[str, InputError] = {}
+    for name in parts or experiment.parts:
+        try:
+            plans[name] = experiment.parts[name].plan(scale, recordings)
+        except InputError as error:
+            obstacles[name] = error
+    if obstacles and (parts or not plans or list(recordings) != [BUILT_IN]):
+        name, reason = next(iter(obstacles.items()))
+        others = f"; without it: poseppl reproduce {experiment.name} {' '.join(plans)}" if plans else ""
+        raise InputError(f"the part {name} cannot be run: {reason}{others}") from reason
+    for name, reason in obstacles.items():
+        progress.note(f"the part {name} is left out: {reason}")
+    return plans
+
+
+def _provenance(experiment: Experiment, part: str, scale: Any, recordings: Sequence[Recording]) -> Provenance:
+    """How the tables of a part are made."""
+    runs = str(experiment.parts[part].runs(scale))
+    words = [f"poseppl reproduce {experiment.name} {part}"] + ["--quick"] * (scale == experiment.quick)
+    return Provenance(
+        runs if scale == experiment.full else f"{runs} (a smaller size than the paper's)",
+        "",
+        datetime.now(UTC).date().isoformat(),
+        ", ".join(f"{name} {number}" for name, number in versions().items()),
+        " ".join([*words, *filter(None, (recording.option for recording in recordings))]),
+    )
+
+
+def _seen(table: Table, part: Part, recordings: Sequence[Recording]) -> str:
+    """Recordings of a table: those that it names, or those of its part."""
+    told = {recording.name: recording.told for recording in recordings}
+    names = list(told) if part.all_recordings else [recordings[0].name]
+    if "recording" in table.columns:
+        names = list(dict.fromkeys(table.column("recording")))
+    return part.seen or ", ".join(told.get(name, name) for name in names)

@@ -1,0 +1,27 @@
+"""Arrays of runs: those of a job, and of jobs that share a filter's runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl_papers.experiment import Results
+
+
+def blocks_of(number: int, size: int) -> list[tuple[int, ...]]:
+    """Numbers of runs in blocks, one for each job."""
+    return [tuple(range(first, min(first + size, number))) for first in range(0, number, size)]
+
+
+def stacked(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Arrays of runs, or of whatever rows are, one below the other."""
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def joined(jobs: Sequence[Any], results: Results) -> dict[str, Floats]:
+    """What jobs have found, their runs one after the other, in double precision."""
+    blocks = [results[job.key] for job in jobs]
+    return {name: np.concatenate([np.asarray(block[name], float) for block in blocks]) for name in blocks[0]}

@@ -1,0 +1,141 @@
+"""The published claims, and what the tables say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from poseppl_papers.experiment import Claim, Tables
+from poseppl_papers.measured import Interval, mean_interval
+from poseppl_papers.sminchisescu_triggs.survival import kept_seconds, percent_lost
+from poseppl_papers.sminchisescu_triggs.trackers import OURS, OURS_LIMITED, PUBLISHED
+from poseppl_papers.tables import Table
+
+LEAST_RUNS = 10
+"""Runs below which there is no verdict."""
+_FACTOR = 3.0
+"""Ratios within this factor of each other count as alike."""
+_MORE = 0.1
+"""Share of a scene by which more modes and directions may keep the body longer, and the published number still suffices."""
+SCENES = {
+    "arm": "arm of 8 s",
+    "pivot": "pivoting body",
+    "complex": "complex motions",
+    "pictures": "rendered arm",
+}
+_CONSTRAINTS = ("without joint limits", "without non-penetration")
+_APART = "with non-penetration"
+_LOSES: Mapping[str, Mapping[str, str]] = {
+    "arm": {"Gaussian, single mode": "slips at 0.5 and 2.2 s", "robust, single mode": "at 2.6 s"},
+    "pivot": {
+        "Gaussian, single mode": "slips at 0.3 s",
+        "robust, single mode": "underestimates the turn",
+        "MHT, Gaussian, unconstrained": "at 0.5 s",
+        "MHT, robust": "at 0.7 s",
+    },
+    "complex": {
+        "Gaussian, single mode": "after 0.5 s",
+        "robust, single mode": "after about 1 s",
+    },
+}
+_RATIOS = {"arm": (350.0, "8 coordinates"), "pivot": (2000.0, "body; theirs 32 coordinates, ours 30")}
+_SECONDS = {"arm": 5.0, "pivot": 180.0, "complex": 180.0, "pictures": 5.0}
+
+
+def claims(tables: Tables) -> list[Claim]:
+    """The claims that the tables at hand decide."""
+    found = [_ratio(tables[scene], *row) for scene, row in _RATIOS.items() if scene in tables]
+    for scene, name in SCENES.items():
+        if scene not in tables:
+            continue
+        table = tables[scene]
+        for tracker, theirs in _LOSES.get(scene, {}).items():
+            if tracker in table.column("tracker"):
+                found += [_loses(table, tracker, name, theirs), _sooner(table, tracker, name)]
+        found += [_sooner(table, each, name) for each in _CONSTRAINTS if each in table.column("tracker")]
+        if _APART in table.column("tracker"):
+            found.append(_sooner(table, PUBLISHED, name, _APART))
+        if OURS in table.column("tracker"):
+            found.append(_sooner(table, PUBLISHED, name, OURS, theirs="not in the paper"))
+        if OURS_LIMITED in table.column("tracker"):
+            found.append(_sooner(table, OURS, name, OURS_LIMITED, theirs="not in the paper"))
+        for room in table.values("room"):
+            found.append(_keeps(table, name, room))
+        if f"{PUBLISHED}, twice as many" in table.column("tracker"):
+            found.append(_suffices(table, scene, name))
+        found.append(_seconds(table, _SECONDS[scene], name))
+    return found
+
+
+def _first_rate(table: Table, **where: Any) -> dict[str, Any]:
+    return {"rate": table.column("rate")[0], **where}
+
+
+def _judged(runs: int, decided: str) -> str:
+    return decided if runs >= LEAST_RUNS else f"no verdict from {runs} runs"
+
+
+def _lost(table: Table, tracker: str, **where: Any) -> tuple[Interval, str, int]:
+    """Percent of the runs that a tracker lost the body in, as it is told, and runs."""
+    chosen = _first_rate(table, tracker=tracker, **where)
+    lost, length = table.column("lost", **chosen), table.column("length", **chosen)
+    share, kept = percent_lost(lost), float(kept_seconds(lost, length).mean())
+    return share, f"lost in {share.told(unit=' %')} of {len(lost)} runs, kept for {kept:.2f} s", len(lost)
+
+
+def _loses(table: Table, tracker: str, name: str, theirs: str) -> Claim:
+    share, ours, runs = _lost(table, tracker)
+    what, why = f"{name}: lost by {tracker}", "more than half of the runs, or fewer"
+    return Claim(what, theirs, ours, _judged(runs, share.above(50)), why)
+
+
+def _keeps(table: Table, name: str, room: str) -> Claim:
+    share, ours, runs = _lost(table, PUBLISHED, room=room)
+    what = f"{name}, {room} room: kept to the end by {PUBLISHED} sampling"
+    return Claim(what, "kept", ours, _judged(runs, share.below(50)), "fewer than half of the runs lose it, or more")
+
+
+def _difference(table: Table, one: str, other: str) -> tuple[Interval, int]:
+    """Seconds that one tracker keeps the body longer than another on the same data, with the interval, and runs."""
+    kept = []
+    for tracker in (one, other):
+        rows = table.records(**_first_rate(table, tracker=tracker))
+        kept.append({(row["motion"], row["room"], row["seed"]): min(row["lost"], row["length"]) for row in rows})
+    both = [key for key in kept[0] if key in kept[1]]
+    return mean_interval([kept[0][key] - kept[1][key] for key in both]), len(both)
+
+
+def _sooner(table: Table, tracker: str, name: str, other: str = PUBLISHED, theirs: str = "longer") -> Claim:
+    longer, runs = _difference(table, other, tracker)
+    ours = f"{longer.told('.2f', ' s longer')}, {runs} pairs of runs"
+    kind = f"{other} sampling" if other == PUBLISHED else other
+    what = f"{name}: {kind} keeps the body longer than {tracker}"
+    return Claim(what, theirs, ours, _judged(runs, longer.above(0)), "mean difference on the same points, 95 % interval")
+
+
+def _suffices(table: Table, scene: str, name: str) -> Claim:
+    longer, runs = _difference(table, f"{PUBLISHED}, twice as many", PUBLISHED)
+    limit = _MORE * float(table.column("length")[0])
+    numbers = "3 modes x 3 directions" if scene == "arm" else "7 modes x 6 directions"
+    ours = f"twice as many of both: {longer.told('.2f', ' s longer')}, {runs} pairs of runs"
+    why = f"less than {limit:.2g} s, a tenth of the scene"
+    return Claim(f"{name}: {numbers} suffice", "the whole sequence", ours, _judged(runs, longer.below(limit)), why)
+
+
+def _ratio(table: Table, published: float, what: str) -> Claim:
+    logs = np.log(table.column("ratio", **_first_rate(table, tracker=PUBLISHED)))
+    ratio = Interval(*(float(np.exp(each)) for each in mean_interval(logs)))
+    verdict = ratio.within(published / _FACTOR, published * _FACTOR)
+    ours = f"{ratio.told(',.0f')}, {len(logs)} runs"
+    why = f"within a factor of {_FACTOR:g}; metres and radians, with the prior over time"
+    claim = f"Largest over smallest standard deviation of a mode, {what}"
+    return Claim(claim, f"{published:,.0f}", ours, _judged(len(logs), verdict), why)
+
+
+def _seconds(table: Table, published: float, name: str) -> Claim:
+    seconds = table.column("seconds", **_first_rate(table, tracker=PUBLISHED))
+    ours = f"{mean_interval(seconds).clipped(0).told('.2g', ' s of a processor')}, {len(seconds)} runs"
+    why = "another machine than their SGI O2 of 270 MHz; points stand in for images where frames are not rendered"
+    return Claim(f"{name}: seconds a frame", f"{published:g} s", ours, "measured, without a verdict", why)

@@ -1,0 +1,162 @@
+"""Motions with truth: an arm that bends and rotates, a body that pivots, and complex motions, recorded or our own.
+
+The paper's own sequences (section 5) are 8 s of an arm, 1.2 s of a pivoting body and 4 s of a body that turns. Ours are smooth
+programs of the joints, different for every seed, and recorded motions. Angles are those of
+``poseppl_models.sminchisescu_triggs.marker_body``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.io import read_motion
+from poseppl.motion.recordings.subjects import recorded_subject
+from poseppl_papers.recordings import Recording
+
+_BODY = "poseppl_models.sminchisescu_triggs.body:superquadric_body"
+_START = 2.0
+"""Second of a recording at which its motion starts."""
+
+
+class Moving(NamedTuple):
+    """A body in motion.
+
+    Attributes:
+        body: The superquadric body of ``poseppl_models.sminchisescu_triggs.body``, of the person's sizes.
+        states: True states (T, d); of a recording those closest to it.
+        markers: True places of the markers (T, K, 3), mm.
+    """
+
+    body: Any
+    states: Floats
+    markers: Floats
+
+
+def arm(body: Any, times: Floats, rng: np.random.Generator) -> Floats:
+    """States (T, 8) of an arm that bends and rotates."""
+    return _swung(
+        body,
+        times,
+        rng,
+        {
+            ("shoulder_r", "Z"): (0.0, 0.5),
+            ("shoulder_r", "Y"): (-0.45, 0.35),
+            ("shoulder_r", "X"): (0.7, 0.6),
+            ("elbow_r", "X"): (1.1, 0.8),
+            ("elbow_r", "Z"): (0.0, 0.5),
+        },
+        (0.15, 0.35),
+    )
+
+
+def pivot(body: Any, times: Floats, rng: np.random.Generator) -> Floats:
+    """States (T, 30) of a body that turns by a right angle and a half in 1.2 s, arms in motion."""
+    states = _swung(body, times, rng, _ARMS, (0.4, 0.7))
+    turn = _smooth_step(times / 1.2) * rng.choice([-1.0, 1.0]) * rng.uniform(1.2, 1.8)
+    _add(body, states, {("pelvis", "Z"): turn, ("thorax", "Z"): 0.3 * np.sin(np.pi * np.clip(times / 1.2, 0, 1))})
+    return states
+
+
+def turns(body: Any, times: Floats, rng: np.random.Generator) -> Floats:
+    """States (T, 34) of a body that turns one way and back, bends its knees and reaches out."""
+    states = _swung(body, times, rng, {**_ARMS, **_LEGS}, (0.25, 0.45))
+    turn = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 1.6) * np.sin(2 * np.pi * times / 4.0)
+    _add(body, states, {("pelvis", "Z"): turn, ("thorax", "Z"): 0.3 * turn})
+    return states
+
+
+_ARMS = {
+    key: value
+    for side, sign in (("l", 1.0), ("r", -1.0))
+    for key, value in {
+        (f"shoulder_{side}", "Z"): (0.0, 0.3),
+        (f"shoulder_{side}", "Y"): (0.3 * sign, 0.25),
+        (f"shoulder_{side}", "X"): (0.5, 0.5),
+        (f"elbow_{side}", "X"): (0.9, 0.6),
+    }.items()
+}
+_LEGS = {
+    key: value
+    for side in "lr"
+    for key, value in {(f"hip_{side}", "X"): (0.4, 0.3), (f"knee_{side}", "X"): (-0.5, 0.35)}.items()
+}
+Program = Callable[[Any, Floats, np.random.Generator], Floats]
+PROGRAMS: Mapping[str, Program] = {"arm": arm, "pivot": pivot, "turns": turns}
+
+
+@lru_cache(maxsize=64)
+def moving(scene: str, kind: str, recording: Recording, rate: float, seconds: float, seed: int) -> Moving:
+    """Make a motion.
+
+    Args:
+        scene: "arm", "pivot" or "turns", programs of our own, or "recorded".
+        kind: The body, "arm", "stiff_shoulders" or "full".
+        recording: Whose motion it is where it is "recorded".
+        rate: Frames a second.
+        seconds: How long it is.
+        seed: Of a program; recordings are what they are.
+    """
+    build = load_builder(_BODY)
+    if scene == "recorded":
+        return _recorded(build, kind, recording, rate, seconds)
+    body: Any = build(kind)
+    times = np.arange(round(seconds * rate)) / rate
+    states = PROGRAMS[scene](body, times, np.random.default_rng([seed, len(scene)]))
+    return Moving(body, states, _markers(body, states))
+
+
+def _recorded(build: Any, kind: str, recording: Recording, rate: float, seconds: float) -> Moving:
+    """The frames of a recording that are nearest to the rate."""
+    assert recording.path is not None
+    own = read_motion(recording.path, recording.skeleton).rate
+    step = max(1, round(own / rate))
+    first = round(_START * own)
+    subject = recorded_subject(
+        recording.path,
+        recording.skeleton,
+        model=f"poseppl_models.sminchisescu_triggs.marker_body:{'full_body' if kind == 'full' else kind}",
+        frames=f"{first}:{first + step * round(seconds * own / step)}:{step}",
+    )
+    return Moving(build(kind, dict(subject.body.lengths)), subject.states, subject.complete_markers())
+
+
+def _swung(
+    body: Any,
+    times: Floats,
+    rng: np.random.Generator,
+    swings: Mapping[tuple[str, str], tuple[float, float]],
+    hertz: tuple[float, float],
+) -> Floats:
+    """A body at rest some of whose joints swing: middle and amplitude (radians) by coordinate, frequencies drawn."""
+    states = np.tile(np.asarray(body.rest, float), (len(times), 1))
+    for row, coordinate in enumerate(body.tree.coordinates):
+        if coordinate in swings:
+            middle, amplitude = swings[coordinate]
+            phase, frequency = rng.uniform(0, 2 * np.pi), rng.uniform(*hertz)
+            states[:, row] = middle + amplitude * np.sin(2 * np.pi * frequency * times + phase)
+    low, high = body.limits.T
+    within: Floats = np.clip(states, low + 0.02, high - 0.02)
+    return within
+
+
+def _add(body: Any, states: Floats, angles: Mapping[tuple[str, str], Floats]) -> None:
+    for coordinate, angle in angles.items():
+        states[:, body.tree.coordinates.index(coordinate)] += angle
+
+
+def _smooth_step(x: Floats) -> Floats:
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * (3 - 2 * x)
+
+
+def _markers(body: Any, states: Floats) -> Floats:
+    return np.asarray(jax.vmap(lambda state: marker_positions(body.tree, state))(jnp.asarray(states, float)), np.float64)

@@ -1,0 +1,23 @@
+"""Independent jobs: described by plain values, computed by one process, many, or a Dask cluster, kept one file each.
+
+    @dataclass(frozen=True)
+    class Estimate(Job):
+        method: str
+        run: int
+
+    def estimate(job: Estimate) -> dict[str, np.ndarray]: ...
+
+    results = run_jobs(estimate, [Estimate("hmc", run) for run in range(50)], "results/")
+    results[Estimate("hmc", 7).key]["mean"]
+
+A second call computes what is missing and reads the rest.
+"""
+
+from __future__ import annotations
+
+from poseppl.jobs.cluster import Cluster as Cluster
+from poseppl.jobs.executor import Executor as Executor, Inline as Inline, Outcome as Outcome
+from poseppl.jobs.job import Job as Job
+from poseppl.jobs.processes import Processes as Processes
+from poseppl.jobs.progress import JobProgress as JobProgress
+from poseppl.jobs.run import JobError as JobError, run_jobs as run_jobs

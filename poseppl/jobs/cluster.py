@@ -1,0 +1,142 @@
+"""A Dask cluster that computes jobs, named by the address of its scheduler.
+
+Each job is one task. When a worker dies, its scheduler blames every task that the worker held, tries them on other workers, and
+gives them up when it has seen too many deaths (`distributed.scheduler.allowed-failures`). These jobs are tried again when all
+others are done, one at a time: only those that kill workers then fail, and what had no room in memory beside others has it.
+Results travel to this process, which alone writes files, so no folder need be shared. Workers need poseppl, the job's module,
+and the versions that are installed here; start them with one thread each (``dask worker ADDRESS --nthreads 1``).
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter
+from collections.abc import Generator, Mapping
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.files.store import Note
+from poseppl.jobs.executor import Function, Outcome, perform
+from poseppl.jobs.job import Job
+from poseppl.jobs.versions import versions
+
+
+class Cluster(NamedTuple):
+    """Computes jobs on a Dask cluster.
+
+    Attributes:
+        address: Of the scheduler, such as "tcp://host:8786".
+        timeout: Seconds within which the scheduler must answer and have a worker.
+    """
+
+    address: str
+    timeout: float = 10.0
+
+    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
+        """See :class:`~poseppl.jobs.executor.Executor`.
+
+        Raises:
+            InputError: Dask is not installed, no scheduler answers, or it has no workers.
+            PosepplError: The scheduler was lost.
+        """
+        expected = "the address of a running Dask scheduler, such as tcp://host:8786"
+        try:
+            client = distributed().Client(self.address, timeout=self.timeout, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"no Dask scheduler answers at {self.address}", expected=expected) from error
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=self.timeout)
+            except TimeoutError as error:
+                raise InputError(f"the Dask scheduler at {self.address} has no workers", expected="at least one") from error
+            yield from Tasks(client, function, jobs).outcomes(note)
+
+
+def distributed() -> ModuleType:
+    """Dask's module for clusters.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("Dask is not installed", expected="pip install 'poseppl[experiments]'") from error
+    return distributed
+
+
+class Tasks:
+    """Jobs on their way through a scheduler.
+
+    Args:
+        client: Of the scheduler, a `distributed.Client`.
+        function: What computes a job.
+        jobs: Jobs by key, the costliest first.
+        max_deaths: Deaths of workers at which a job that is tried alone has failed.
+    """
+
+    def __init__(self, client: Any, function: Function, jobs: Mapping[str, Job], max_deaths: int = 1) -> None:
+        self._client, self._function, self._jobs, self._max_deaths = client, function, jobs, max_deaths
+        # tasks of one group wait at the scheduler, not at a worker that may die
+        self._group = f"poseppl-{secrets.token_hex(4)}"
+        self._futures: dict[Any, str] = {}
+        self._deaths: Counter[str] = Counter()
+
+    def outcomes(self, note: Note) -> Generator[Outcome]:
+        """Compute the jobs; closing the iterator gives up those that are not done."""
+        suspects = []
+        try:
+            for rank, key in enumerate(self._jobs):
+                self._submit(key, -rank)
+            for future in distributed().as_completed(list(self._futures), loop=self._client.loop):
+                outcome = self._outcome(future)
+                if outcome is not None:
+                    yield outcome
+                    continue
+                suspects.append(self._futures[future])
+                note(f"{suspects[-1]}: its process died; tried again on its own")
+            for key in suspects:
+                yield self._alone(key)
+        finally:
+            if self._client.status == "running":
+                self._client.cancel(list(self._futures))
+
+    def _submit(self, key: str, priority: int) -> Any:
+        arguments = (_perform_there, key, self._function, self._jobs[key], versions())
+        future = self._client.submit(*arguments, key=(self._group, key, self._deaths[key]), priority=priority)
+        self._futures[future] = key
+        return future
+
+    def _alone(self, key: str) -> Outcome:
+        while (outcome := self._outcome(self._submit(key, 0))) is None:
+            if self._deaths[key] >= self._max_deaths:
+                died = f"its process died {self._deaths[key]} times (killed, crashed or out of memory)"
+                return Outcome(key, None, error=died)
+        return outcome
+
+    def _outcome(self, future: Any) -> Outcome | None:
+        """Outcome of a job; None when its process died."""
+        key = self._futures[future]
+        try:
+            outcome: Outcome = future.result()
+        except distributed().KilledWorker as error:
+            self._deaths[key] += error.allowed_failures + 1
+            return None
+        except Exception as error:
+            if future.cancelled() or self._client.status != "running":
+                hint = "what is done is kept, and the same call goes on from there"
+                raise PosepplError(f"the Dask scheduler at {self._client.scheduler.address} was lost; {hint}") from error
+            return Outcome(key, None, error=f"{type(error).__name__}: {error}")
+        return outcome
+
+
+def _perform_there(key: str, function: Function, job: Job, wanted: Mapping[str, str]) -> Outcome:
+    there = versions()
+    differing = ", ".join(f"{name} {there[name]} instead of {wanted[name]}" for name in wanted if there[name] != wanted[name])
+    if differing:
+        return Outcome(key, None, error=f"its worker has {differing}")
+    import dask
+
+    with dask.config.set(scheduler="synchronous"):  # or what a job does with xarray would want locks of the scheduler
+        return perform(key, function, job)

@@ -1,0 +1,234 @@
+r"""Which detection is the person, and which of its limbs a detector took for each other: as probabilities, by camera and frame.
+
+Where the body's markers are is told by the programs of ``poseppl_models.bodies.named_points``, each marker by itself, with
+heavy tails and clutter, so that a wrong detection now and then does not lead it away. Given that,
+
+* each of the n detections of a camera's frame is the person's with a probability,
+
+      P(i) \propto (1 - NOBODY) / n  p(points of i | the person's) / p(points of i | anywhere in the picture),
+
+  or none of them is, with NOBODY;
+* each pair of limbs is exchanged or not, by a Markov chain that is summed out exactly, as in
+  :mod:`poseppl.motion.points.swaps`.
+
+Where another detection than the one at first, or an exchange, is more likely than not, it is acted on, and both are told anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import softmax
+
+from poseppl.arrays import Floats, Integers
+from poseppl.compilation import double_precision
+from poseppl.errors import InputError
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.io import DetectedPeople
+from poseppl.motion.keypoints.camera_errors import camera_errors
+from poseppl.motion.keypoints.sources import points_of
+from poseppl.motion.points.fit import points_mode
+from poseppl.motion.points.named_points import PointProblem, PointRecording, make_point_problem
+from poseppl.motion.points.smoothing import seen_points
+from poseppl.motion.points.swaps import SHARE, Pair, SeenPoints, exchanged, swap_probabilities
+
+LIMBS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
+"""Markers of the limbs that a detector may exchange, without their sides."""
+NOBODY = 0.05
+"""Share of the frames in which none of a camera's detections is the person; ours."""
+SURE = 0.9
+"""Detections that are the person's with less probability are told of."""
+LEAST_FRAMES = 10
+"""Frames, at least, of which a motion tells what is wrong."""
+BIAS_SHARE = 0.25
+"""Of the errors' scale that does not change; ours."""
+ERRORS_LAST, SPEED_LASTS = 0.5, 0.25
+"""Seconds that errors of a point and velocities last; ours."""
+_CLUTTER, _CLUTTER_SLOPE, _SLOPE = -5.0, -0.7, -0.15
+"""The prior means of the programs."""
+_LEAST_SPEED, _SPEED_OVER = 20.0, 0.1
+"""Pixels a second, and seconds that a speed is measured over."""
+_FRAMES_TOGETHER = 100
+"""Frames are filled up to a multiple of so many, so that recordings of about one length share a compiled program."""
+
+
+class Association(NamedTuple):
+    """What was found, and the points that follow from it.
+
+    Attributes:
+        points: (T, C, K, 2) of the person's detections, with exchanged limbs put right.
+        confidence: (T, C, K).
+        chosen: (T, C) index of the detection, -1 where there is none.
+        identity: (T, C) probability that the detection is the person's; NaN where there is none.
+        swaps: (T, C, P) probability that the detector exchanged the limbs of each pair.
+        pairs: P names.
+    """
+
+    points: Floats
+    confidence: Floats
+    chosen: Integers
+    identity: Floats
+    swaps: Floats
+    pairs: tuple[str, ...]
+
+    def notes(self, cameras: Sequence[str], frames: Integers) -> list[str]:
+        """What the user should know, a sentence each."""
+        told = []
+        for c, camera in enumerate(cameras):
+            for number, pair in enumerate(self.pairs):
+                wrong = np.flatnonzero(self.swaps[:, c, number] > 0.5)
+                if wrong.size:
+                    told.append(
+                        f"{camera}: left and right {pair} are exchanged in {wrong.size} frames ({_some(frames[wrong])}); this "
+                        "is mended (--keep-detections takes them as they are)"
+                    )
+            doubtful = np.flatnonzero(self.identity[:, c] < SURE)
+            if doubtful.size:
+                told.append(
+                    f"{camera}: that its detection is the person's has a probability of less than {SURE:.0%} in "
+                    f"{doubtful.size} frames ({_some(frames[doubtful])})"
+                )
+        return told
+
+
+def limb_pairs(markers: Sequence[str]) -> dict[str, Pair]:
+    """Indices of the left and the right markers of each pair of limbs that a body has."""
+    found = {}
+    for name, parts in LIMBS.items():
+        both = [part for part in parts if {f"{part}_l", f"{part}_r"} <= set(markers)]
+        if both:
+            left, right = (tuple(markers.index(f"{part}_{side}") for part in both) for side in "lr")
+            found[name] = (left, right)
+    return found
+
+
+def associate(
+    cameras: Cameras, sizes: Floats, people: Sequence[DetectedPeople], chosen: Integers, rate: float
+) -> Association | None:
+    """Find the person's detections and exchanged limbs.
+
+    Args:
+        cameras: C cameras.
+        sizes: (C, 2) of their pictures, px.
+        people: What each camera saw, in the same T frames; its points are a body's markers.
+        chosen: (T, C) about which detections are the person's.
+        rate: Frames a second.
+
+    Returns:
+        What was found; None where there are too few frames, or no two cameras that see the person.
+    """
+    points, confidence = points_of(people, chosen)
+    noise = camera_errors(cameras, points, triangulate(cameras, points, confidence)).scale
+    if len(points) < LEAST_FRAMES or len(people) < 2 or not np.isfinite(noise).any():
+        return None
+    noise = np.where(np.isfinite(noise), noise, np.nanmax(noise))
+    named = limb_pairs(people[0].names)
+    pairs, elapsed = list(named.values()), np.full(len(points), 1 / rate)
+    frames = np.arange(len(points))
+    recording = PointRecording(
+        people[0].names, ("",) * len(people), cameras, sizes, points, confidence, frames, frames / rate, rate, ""
+    )
+    try:
+        seen = _seen(recording, noise, rate)
+        identity = identity_probabilities(people, seen, pairs)
+        better = _likeliest(identity)
+        if np.any(better != chosen):
+            points, confidence = points_of(people, better)
+            seen = _seen(recording._replace(points=points, confidence=confidence), noise, rate)
+        swaps = swap_probabilities(points, seen, pairs, elapsed)
+        mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
+        if np.any(swaps > 0.5):
+            seen = _seen(recording._replace(points=mended[0], confidence=mended[1]), noise, rate)
+            swaps = swap_probabilities(points, seen, pairs, elapsed)
+            mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
+    except InputError:  # a person whom no two cameras see at a time, or behind one: what follows says so
+        return None
+    identity = identity_probabilities(people, seen, pairs)
+    own = np.take_along_axis(identity, np.maximum(better, 0)[..., None], 2)[..., 0]
+    return Association(*mended, better, np.where(better >= 0, own, np.nan), swaps, tuple(named))
+
+
+def identity_probabilities(people: Sequence[DetectedPeople], seen: SeenPoints, pairs: Sequence[Pair]) -> Floats:
+    """Probabilities (T, C, P) that each detection is the person's, whose limbs may be exchanged; 0 where there is none."""
+    most = max(found.points.shape[1] for found in people)
+    num_frames, num_cameras, num_points = seen.scales.shape
+    inside = {index for pair in pairs for limb in pair for index in limb}
+    rest = [index for index in range(num_points) if index not in inside]
+    log_odds = np.full((num_frames, num_cameras, most), -np.inf)
+    for number in range(most):
+        points = np.full((num_frames, num_cameras, num_points, 2), np.nan)
+        for c, found in enumerate(people):
+            if number < found.points.shape[1]:
+                points[:, c] = found.points[:, number]
+        own = seen.log_density(points[:, :, rest], rest)
+        for left, right in pairs:
+            kept = seen.log_density(points[:, :, [*left, *right]], [*left, *right])
+            swapped = seen.log_density(points[:, :, [*right, *left]], [*left, *right])
+            own = own + np.logaddexp(np.log1p(-SHARE) + kept, np.log(SHARE) + swapped)
+        count = np.isfinite(points).all(-1).sum(-1)
+        anywhere = -count * np.log(seen.sizes).sum(-1)
+        log_odds[..., number] = np.where(count > 0, own - anywhere, -np.inf)
+    count = np.maximum(np.isfinite(log_odds).sum(-1, keepdims=True), 1)
+    ours = np.log1p(-NOBODY) - np.log(count) + log_odds
+    nobody = np.full((num_frames, num_cameras, 1), np.log(NOBODY))
+    return np.asarray(softmax(np.concatenate([ours, nobody], -1), axis=-1)[..., :-1])
+
+
+def _some(frames: Integers) -> str:
+    """The first of some frame numbers."""
+    return ", ".join(map(str, frames[:5])) + (", ..." if len(frames) > 5 else "")
+
+
+def _likeliest(identity: Floats) -> Integers:
+    """Index (T, C) of the detection that is the person's more likely than not, -1 where there is none."""
+    return np.where(identity.max(-1) > 0.5, identity.argmax(-1), -1)
+
+
+def _seen(recording: PointRecording, noise: Floats, rate: float) -> SeenPoints:
+    """Where cameras of some noise (C,) see the markers, which are smoothed each by itself.
+
+    Raises:
+        InputError: No marker is seen by two cameras at a time, or they are behind one.
+    """
+    num_frames = len(recording.points)
+    more = -num_frames % _FRAMES_TOGETHER
+    later = [(0, more)]
+    padded = recording._replace(
+        points=np.pad(recording.points, [*later, (0, 0), (0, 0), (0, 0)], constant_values=np.nan),
+        confidence=np.pad(recording.confidence, [*later, (0, 0), (0, 0)]),
+        frames=np.arange(num_frames + more),
+        times=np.arange(num_frames + more) / rate,
+    )
+    with double_precision():
+        problem = make_point_problem(padded)
+        params = _params(problem, recording, noise, rate)
+        seen = seen_points(problem, params, points_mode(problem, params))
+    return SeenPoints(seen.images[:num_frames], seen.scales[:num_frames], seen.clutter[:num_frames], seen.sizes)
+
+
+def _params(problem: PointProblem, recording: PointRecording, noise: Floats, rate: float) -> dict[str, jnp.ndarray]:
+    """The programs' params: errors of which half of the variance lasts, motion about as fast as the places are."""
+    places = triangulate(recording.cameras, recording.points, recording.confidence) * problem.frame.unit
+    over = min(max(round(_SPEED_OVER * rate), 1), len(places) - 1)
+    steps: Floats = np.abs(places[over:] - places[:-over]) * rate / over
+    known = np.asarray(np.isfinite(steps).all(-1))
+    speed = [1.4826 * float(np.median(steps[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(steps.shape[1])]
+    log_size = np.log(noise / np.sqrt(2) / np.asarray(problem.inputs.magnification[0]))
+    values = {
+        "log_size": log_size.mean(),
+        "log_scale": np.zeros(len(speed)),
+        "log_speed": np.log(np.maximum(speed, _LEAST_SPEED)),
+        "log_speed_lasts": np.log(SPEED_LASTS),
+        "camera": log_size - log_size.mean(),
+        "slope": _SLOPE,
+        "clutter": _CLUTTER,
+        "clutter_slope": _CLUTTER_SLOPE,
+        "log_lasting": 0.0,
+        "log_bias": np.log(BIAS_SHARE),
+        "log_lasts": np.log(ERRORS_LAST),
+    }
+    return {name: jnp.asarray(value, float) for name, value in values.items()}

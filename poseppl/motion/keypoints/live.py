@@ -1,0 +1,194 @@
+"""A person tracked while a detector is at work: the first frames tell what the others are filtered with.
+
+From the first frames come, as :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints` finds them in a whole recording,
+the layout, the unit, the cameras' small errors, who is tracked, the segment lengths, the noise, and the first pose. The frames
+that follow are filtered one by one; the person in them is whom the cameras see nearest to the place in the frame before. The
+cameras share a clock, and left and right are taken as the detector has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, InputError, Location
+from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.io import Calibration, DetectedPeople
+from poseppl.motion.io.growing_folders import KeypointFrame
+from poseppl.motion.keypoints.assumed_stature import ATTRIBUTE, along_rays, stature_draws
+from poseppl.motion.keypoints.frame_people import first_people, laid_out, nobody
+from poseppl.motion.keypoints.people import FollowedPerson
+from poseppl.motion.keypoints.scene import noise_of_points, scene_of_keypoints, with_markers
+from poseppl.motion.keypoints.sources import Clocks, points_of, without_strays
+from poseppl.motion.tracking.point_data import PointData
+from poseppl.motion.tracking.problem import with_frames
+from poseppl.motion.tracking.track import Tracking, TrackSettings, prepare
+from poseppl.motion.tracking.walk import ASSUMED_RATE
+from poseppl.runs.compiled_scan import Kept
+from poseppl.runs.labels import QUANTILES
+from poseppl.runs.online_run import OnlineRun
+
+MAX_DRAWS = 20
+"""Draws kept of each chain, or of all particles, unless told otherwise: how many frames will come is not known."""
+_ENDS = [QUANTILES.index(0.05), QUANTILES.index(0.95)]
+
+
+class LiveEstimate(NamedTuple):
+    """Where the joints are in T frames.
+
+    Attributes:
+        frames: T numbers.
+        mean: (T, K, 3) mm, in the calibration's world.
+        lower: (T, K, 3), the lower ends of 90 % intervals.
+        upper: (T, K, 3), their upper ends.
+    """
+
+    frames: list[int]
+    mean: Floats
+    lower: Floats
+    upper: Floats
+
+
+def sees_someone(frame: KeypointFrame) -> bool:
+    """Whether two cameras, or the only one, found somebody."""
+    return sum(bool(people) for people in frame.people) >= min(2, len(frame.people))
+
+
+class LiveTrack:
+    """A person who is tracked live.
+
+    Args:
+        folders: The cameras' folders, by name.
+        calibration: Their calibration.
+        first: The first frames.
+        settings: How to track; without a learned walk or a learned prior.
+        note: Who is told of what the user should know.
+        rate: Frames a second; 30 if None.
+        **more: Of :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints`.
+
+    Attributes:
+        estimate: Where the joints are in the first frames.
+        markers: Names of the joints.
+
+    Raises:
+        InputError: The first frames cannot be used, or a setting is out of range.
+        RunError: The run cannot go on.
+    """
+
+    def __init__(
+        self,
+        folders: Mapping[str, FilePath],
+        calibration: Calibration,
+        first: Sequence[KeypointFrame],
+        settings: TrackSettings,
+        note: Callable[[str], None],
+        *,
+        rate: float | None = None,
+        layout: str | None = None,
+        **more: Any,
+    ) -> None:
+        self._note, self._rate = note, rate or ASSUMED_RATE
+        people = first_people(dict(folders), first, layout)
+        clocks = Clocks(self._rate, find=False)
+        self._noise: float | None = more.get("noise")
+        self._found = found = scene_of_keypoints(people, calibration, clocks=clocks, rate=rate, mend=False, **more)
+        for told in found.notes():
+            note(told)
+        self._strays = {name for name in people if any(told.startswith(f"{name}: ") for told in found.told)}
+        scene = found.scene._replace(source=", ".join(map(str, folders.values())))
+        self._tracking = prepare(scene, settings._replace(max_draws=settings.max_draws or MAX_DRAWS))
+        self.markers = scene.body.tree.marker_names
+        self._layout, self._names = found.layout, next(iter(people.values())).names
+        placed = [with_markers(each, self.markers) for each in people.values()]
+        self._person = FollowedPerson(scene.cameras, placed, np.asarray(found.chosen), self._rate)
+        self._places = _last_known(triangulate(scene.cameras, scene.data.points, found.confidence))
+        self._data, self._frames = [scene.data], scene.frames.tolist()
+        problem = self._tracking.problem
+        self._run = OnlineRun(
+            self._tracking.filter,
+            jax.random.key(settings.seed),
+            problem.observations,
+            problem.inputs,
+            collect=self._tracking.collect,
+            predict=self._tracking.predict,
+            on_failure=settings.on_failure,
+            note=note,
+            frame_numbers=self._frames,
+        )
+        self.estimate = self._estimate(self._frames, self._run.first)
+
+    def add(self, frame: KeypointFrame) -> LiveEstimate:
+        """Take the next frame; where the joints are in it.
+
+        Raises:
+            RunError: The run cannot go on.
+        """
+        data = self._seen(frame)
+        problem = with_frames(self._tracking.problem, data, 1)
+        kept = self._run.add(problem.observations, problem.inputs, [frame.number])
+        self._data.append(data)
+        self._frames.append(frame.number)
+        return self._estimate([frame.number], kept)
+
+    def whole(self) -> Tracking:
+        """All frames so far, as one problem: run as a recording, it gives the same."""
+        noise = np.concatenate([data.noise for data in self._data])
+        data = self._data[0]._replace(points=np.concatenate([data.points for data in self._data]), noise=noise)
+        scene = self._tracking.scene._replace(data=data, frames=np.array(self._frames))
+        problem = with_frames(self._tracking.problem, data, len(self._frames))
+        return self._tracking._replace(scene=scene, problem=problem)
+
+    def finish(self, **told: Any) -> xr.DataTree:
+        """The result of all frames; more can be told of it."""
+        return self.whole().result(self._run.finish(), **told)
+
+    def _estimate(self, frames: Sequence[int], kept: Kept) -> LiveEstimate:
+        """What was kept of frames, of all statures where one is assumed."""
+        outputs, scene = kept.outputs, self._tracking.scene
+        lower, upper = (outputs.summary["markers_quantile"][:, end] for end in _ENDS)
+        assumed = scene.data.provenance.get(ATTRIBUTE)
+        if assumed is not None and len(scene.camera_names) == 1:
+            draws = outputs.extras["markers"]  # (T, chains, draws, K, 3)
+            scale = stature_draws(assumed, draws.shape[1:3])[..., None, None] / assumed[0]
+            lower, upper = np.quantile(along_rays(draws, scene.cameras.centre[0], scale), [0.05, 0.95], axis=(1, 2))
+        return LiveEstimate(list(frames), outputs.summary["markers_mean"], lower, upper)
+
+    def _seen(self, frame: KeypointFrame) -> PointData:
+        """The person's points in a frame, and their noise."""
+        scene, found = self._tracking.scene, self._found
+        sizes = found.sizes.astype(int).tolist()
+        seen = zip(scene.camera_names, sizes, frame.people, strict=True)
+        people = [self._people(*each, frame.number) for each in seen]
+        points, confidence = points_of(people, self._person.choose(people))
+        if found.detector_errors is not None:  # they are told in mm
+            new = triangulate(scene.cameras, points, confidence)[0]
+            self._places = np.where(np.isfinite(new), new, self._places)
+        known = found.detector_errors or self._noise
+        noise = noise_of_points(known, scene.body, scene.cameras, found.errors.scale, self._places[None], confidence)
+        return PointData(points, noise)
+
+    def _people(self, name: str, size: Sequence[int], people: list[Floats] | None, number: int) -> DetectedPeople:
+        """Whom a camera sees in a frame: nobody where its file cannot be used, which is told."""
+        found = nobody([number], self._layout, self._names)
+        try:
+            found = laid_out({number: people or []}, self._layout, Location(field=name)) or found
+        except InputError as error:
+            self._note(f"frame {number}: {error}; {name} sees nobody there")
+        found, told = without_strays(found, (size[0], size[1]), name)
+        if told and name not in self._strays:  # once is enough
+            self._strays.add(name)
+            self._note(told[0])
+        return with_markers(found, self.markers)
+
+
+def _last_known(places: Floats) -> Floats:
+    """The last known place (K, 3) of each of K points in places (T, K, 3); NaN where there is none."""
+    last = np.full(places.shape[1:], np.nan)
+    for place in places:
+        last = np.where(np.isfinite(place), place, last)
+    return last

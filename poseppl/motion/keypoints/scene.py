@@ -1,0 +1,352 @@
+"""A scene of a detector's keypoints: one person of those that calibrated cameras found, with a noise that the data tell.
+
+Small errors of the cameras' poses are found first (:mod:`poseppl.motion.keypoints.camera_refinement`). The noise of each camera
+is what remains between its points and the projections of the places that all cameras' rays pass by; or that of a detector whose
+errors are known (:mod:`poseppl.motion.keypoints.detector_errors`). A single camera does not tell its noise
+(:mod:`poseppl.motion.keypoints.single_camera`). Segment lengths are measured in those places, too; one camera's person is
+assumed to be of any adult's stature (:mod:`poseppl.motion.keypoints.assumed_stature`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import FilePath, InputError
+from poseppl.files.frame_range import FrameRange
+from poseppl.motion.bodies.body import Body, body_builder
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
+from poseppl.motion.io.camera_fields import with_z_up
+from poseppl.motion.io.keypoint_layouts import markers_of_names
+from poseppl.motion.io.text_parsing import some
+from poseppl.motion.keypoints.assumed_stature import ATTRIBUTE
+from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
+from poseppl.motion.keypoints.calibration_units import infer_unit
+from poseppl.motion.keypoints.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
+from poseppl.motion.keypoints.camera_refinement import RefinedCameras, refine_cameras
+from poseppl.motion.keypoints.data_association import Association, associate
+from poseppl.motion.keypoints.detector_errors import DetectorErrors
+from poseppl.motion.keypoints.leaps import without_leaps
+from poseppl.motion.keypoints.people import choose_person
+from poseppl.motion.keypoints.single_camera import noise_in_one_camera
+from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
+from poseppl.motion.keypoints.suspected_inputs import check_inputs
+from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.recordings.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
+from poseppl.motion.tracking.point_data import PointData
+from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.walk import ASSUMED_RATE
+
+TOLD_ANGLE, TOLD_POSITION = 0.5, 20.0
+"""A camera that is turned by more degrees or moved by more mm than these is told of."""
+LEAST_AGREEMENT = 0.5
+"""A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
+LARGEST_BIAS = 0.5
+"""A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
+LEAST_ABSENCE = 5
+"""Frames in a row in which no camera sees the person that are told of."""
+LEAST_MARKERS = 1 / 3
+"""Points with names of their own are of a person if at least this share of the body's markers is among them."""
+LEAST_LEAP = 0.05
+"""A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
+_ASSUMED = (
+    "the person is taken to be {:.2f} +- {:.2f} m tall, as these cameras do not tell (--stature, --lengths): one who is taller "
+    "by a hundredth is farther away by a hundredth, too, which intervals {} in them"
+)
+
+
+def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
+    """A sentence for each camera that is turned or moved by much, the worst first."""
+    turns, shifts = np.rad2deg(np.linalg.norm(refined.turn, axis=-1)), np.linalg.norm(refined.shift, axis=-1)
+    return [
+        f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is mended "
+        "(--keep-calibration takes it as it is)"
+        for c in np.argsort(-turns)
+        if turns[c] > TOLD_ANGLE or shifts[c] > TOLD_POSITION
+    ]
+
+
+def _absence_notes(seen: NDArray[np.bool_], numbers: Integers) -> list[str]:
+    """How many of the frames (T,) in stretches in which no camera sees the person, and from when to when the longest is."""
+    stretches = [rows for rows in np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen)) + 1) if not seen[rows[0]]]
+    stretches = [rows for rows in stretches if len(rows) >= LEAST_ABSENCE]
+    if not stretches:
+        return []
+    longest = numbers[max(stretches, key=len)]
+    return [
+        f"no camera sees the person in {sum(map(len, stretches))} of {len(seen)} frames, the longest time from frame "
+        f"{longest[0]} to {longest[-1]}: what is told of these is foretold"
+    ]
+
+
+class KeypointScene(NamedTuple):
+    """A scene, and what was found on the way to it.
+
+    Attributes:
+        scene: The scene.
+        layout: Which points the detector's are.
+        errors: What remains of them.
+        refined: How the cameras differ from their calibration; None where that was not sought.
+        agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
+        confidence: (T, C, K) of the points.
+        sizes: (C, 2) width and height of the pictures, px.
+        told: What reading the files and bringing their clocks together found, a sentence each.
+        associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
+        detector_errors: What was known of the detector's errors; None where the noise is measured.
+        chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
+        num_leaps: Points that leap and count as not seen.
+        size: Whether segment lengths were "given", "measured" in the points, or "assumed" to be those of a mean adult.
+    """
+
+    scene: Scene[PointData]
+    layout: str
+    errors: CameraErrors
+    refined: RefinedCameras | None
+    agreement: Floats
+    confidence: Floats
+    sizes: Floats
+    told: tuple[str, ...] = ()
+    associated: Association | None = None
+    detector_errors: DetectorErrors | None = None
+    chosen: Integers | None = None
+    num_leaps: int = 0
+    size: Literal["given", "measured", "assumed"] = "given"
+
+    def record(self) -> dict[str, Any]:
+        """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
+        turns, shifts = (None, None) if self.refined is None else (self.refined.turn, self.refined.shift)
+        cameras = {
+            name: {
+                "turned": None if turns is None else round(float(np.rad2deg(np.linalg.norm(turns[c]))), 3),
+                "moved": None if shifts is None else round(float(np.linalg.norm(shifts[c])), 2),
+                "noise": round(float(self.errors.scale[c]), 3) if np.isfinite(self.errors.scale[c]) else None,
+                "agreement": round(float(self.agreement[c]), 4),
+            }
+            for c, name in enumerate(self.scene.camera_names)
+        }
+        pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
+        left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
+        known = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
+        of_size: dict[str, dict[str, Any]] = {"measured": {"lengths measured": True}, "assumed": {ATTRIBUTE: list(POPULATION)}}
+        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **of_size.get(self.size, {})}
+
+    def notes(self) -> list[str]:
+        """What the user should know, a sentence each."""
+        known = f"for {self.layout} (--layout)" if self.layout else "by their names"
+        told = [f"keypoints are taken {known}", *self.told]
+        if self.size == "assumed":
+            alone = "have" if len(self.scene.camera_names) == 1 else "do not have"
+            told.append(_ASSUMED.format(*(value / 1000 for value in POPULATION), alone))
+        if self.detector_errors is not None:
+            told.append(f"the detector's errors are those of {self.detector_errors.source}")
+        told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
+        for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
+            if share < LEAST_AGREEMENT:
+                told.append(
+                    f"{name}: whom it sees is the person of the others in {share:.0%} of its frames: its calibration or its "
+                    "clock is wrong, or exchanged with another's"
+                )
+        told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
+        told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
+        if self.num_leaps:
+            told.append(f"{self.num_leaps} points leap, and back, and count as not seen (--keep-detections keeps them)")
+        for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
+            if np.linalg.norm(bias) > LARGEST_BIAS * scale:
+                told.append(
+                    f"{name}: points lie ({bias[0]:+.0f}, {bias[1]:+.0f}) px from where the others see them, beside a noise of "
+                    f"{scale:.0f} px: its calibration, or another's, may be off"
+                )
+        return told
+
+
+def scene_of_keypoints(
+    folders: Mapping[str, FilePath | DetectedPeople],
+    calibration: Calibration | Sequence[CameraRecord],
+    *,
+    model: str = DEFAULT_MODEL,
+    layout: str | None = None,
+    detector: str | None = None,
+    clocks: Clocks | None = None,
+    person: int = 1,
+    frames: str | None = None,
+    noise: float | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    lengths: FilePath | None = None,
+    refine: bool = True,
+    mend: bool = True,
+    detector_errors: DetectorErrors | None = None,
+) -> KeypointScene:
+    """Read what a detector found, and pick one person.
+
+    Args:
+        folders: Files or folders of keypoints by the names of their cameras, or what was read of them; frames of the same
+            number are of one time, but for what ``clocks`` knows.
+        calibration: The calibrated cameras, those without keypoints are left out; where their unit is unknown, the person's
+            size tells it.
+        model: Builder of the body.
+        layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
+        detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
+        clocks: What is known of the cameras' clocks; nothing, so that offsets are sought, if None.
+        person: 1 for the person who is seen best, 2 for the next.
+        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+        noise: Standard deviation as a fraction of the focal length; what the data tell if None.
+        rate: Frames a second; None where unknown.
+        stature: Of the person, mm; if None, lengths are measured, or those of a mean adult assumed where cameras do not tell.
+        lengths: A TOML file of segment lengths, mm, that are known.
+        refine: Whether small errors of the cameras' poses are sought and mended.
+        mend: Whether detections of others, limbs that the detector exchanged, and points that leap are sought and mended.
+        detector_errors: What is known of the detector's errors, in place of ``noise``; None if the data are to tell.
+
+    Raises:
+        InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
+    """
+    given = calibration if isinstance(calibration, Calibration) else Calibration(tuple(calibration), "mm")
+    known = {record.name: record for record in given.cameras}
+    people, told = read_sources(folders, known, detector, layout)
+    build = body_builder(model)
+    check_markers(people[0], build(None).tree.marker_names)
+    clocks = clocks or Clocks(rate or ASSUMED_RATE)
+    check_inputs([known[name] for name in folders], people, clocks)
+    records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
+    cameras = cameras_of_records(records)
+    (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
+    step = FrameRange.parse(frames).step
+    chosen = choose_person(cameras, people, pace := clocks.rate / step, person)
+    bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
+    points, confidence = points_of(bodies, chosen)
+    records, up_note = _with_z_up(given, records, points, confidence, bodies[0].names)
+    cameras = cameras_of_records(records)
+    sizes = np.array([record.size for record in records], float)
+    far = LEAST_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
+    refined = _refined(cameras, without_leaps(points, far), confidence, pace) if refine else None
+    cameras = cameras if refined is None else refined.cameras
+    agreement = _agreement(people, chosen)
+    told_apart = mend and bool((agreement >= LEAST_AGREEMENT).all())
+    associated = associate(cameras, sizes, bodies, chosen, pace) if told_apart else None
+    points, confidence = (points, confidence) if associated is None else (associated.points, associated.confidence)
+    leaping, points = points, without_leaps(points, far)
+    num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
+    places = triangulate(cameras, points, confidence)
+    size = _size(stature, lengths, places)
+    known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
+    body = build(measured_lengths(build(None), places) if size == "measured" else known_lengths)
+    errors = _errors(body, cameras, points, places)
+    spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
+    faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
+    data = PointData(points, spread, faults=faults)
+    source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
+    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
+    wrong = calibration_notes(places, body.tree.marker_names)
+    seen = (confidence, sizes, (*told, *unit_notes, up_note, *wrong, *clock_notes))
+    found = KeypointScene(
+        scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size
+    )
+    return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _size(stature: float | None, lengths: FilePath | None, places: Floats) -> Literal["given", "measured", "assumed"]:
+    """How the person's size is known, of whom there are places (T, K, 3)."""
+    if stature is not None or lengths is not None:
+        return "given"
+    return "measured" if np.isfinite(places).all(-1).any() else "assumed"
+
+
+def _in_mm(
+    given: Calibration, records: list[CameraRecord], people: Sequence[DetectedPeople], clocks: Clocks
+) -> tuple[list[CameraRecord], list[str]]:
+    """The cameras in mm, by the person's size where the calibration does not tell its unit, and what is to be told of that."""
+    if given.unit is not None:
+        return records, []
+    if len(records) == 1:
+        return records, ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+    names = [record.name for record in records]
+    records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
+    told = f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
+    return records, [told]
+
+
+def _with_z_up(
+    given: Calibration, records: list[CameraRecord], points: Floats, confidence: Floats, markers: Sequence[str]
+) -> tuple[list[CameraRecord], str]:
+    """The cameras in a world whose Z is up, and which axis of the calibration that is."""
+    if given.up is not None:
+        return records, f"{given.up.upper()} of the calibration is up, as --up says"
+    vertical = vertical_of_calibration(cameras_of_records(records), points, confidence, markers)
+    return [with_z_up(record, vertical.axis) for record in records], f"the calibration's {vertical.note()}"
+
+
+def noise_of_points(
+    known: DetectorErrors | float | None, body: Body, cameras: Cameras, measured: Floats, places: Floats, confidence: Floats
+) -> Floats:
+    """Standard deviations (T, C, K), px: the detector's; or those known or measured, and more for less confidence."""
+    sure = np.clip(confidence, LEAST_CONFIDENCE, 1.0)  # what is less is not seen
+    if isinstance(known, DetectorErrors):
+        return known.noise(cameras, body.tree.marker_names, places, sure)
+    spread = noise_of(body, cameras, known)
+    if known is None:
+        spread = np.where(np.isfinite(measured)[:, None], measured[:, None], spread)
+    return np.asarray(spread / np.sqrt(sure))
+
+
+def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> RefinedCameras | None:
+    """The cameras with small errors of their poses mended; None where too few points are seen by two cameras."""
+    places = triangulate(cameras, points, confidence)
+    if np.isfinite(places).all(-1).sum() < LEAST_RESIDUALS:
+        return None
+    raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
+    return refine_cameras(cameras, points, confidence, raw, rate)
+
+
+def _errors(body: Body, cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
+    """What remains of the cameras' points, or is assumed of a single one's."""
+    errors, alone = camera_errors(cameras, points, places), points.shape[1] == 1
+    return errors._replace(scale=np.array([noise_in_one_camera(body, cameras, points)])) if alone else errors
+
+
+def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
+    """Of the frames in which a camera sees someone, the share in which one of its detections was chosen."""
+    sees = np.stack([np.isfinite(found.points).any((1, 2, 3)) for found in people], 1)
+    return np.asarray((sees & (chosen >= 0)).sum(0) / np.maximum(sees.sum(0), 1))
+
+
+def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
+    """The points' numbers by the names of a body's markers."""
+    return markers_of_names(found.names)
+
+
+def check_markers(found: DetectedPeople, markers: Sequence[str]) -> None:
+    """Check that points that have names of their own are those of a person, of whom they are enough of the body's markers.
+
+    Raises:
+        InputError: They are of an animal, an object or another body.
+    """
+    known = set(markers) & set(_markers_of(found))
+    if len(known) < (1 if found.layout else LEAST_MARKERS * len(markers)):
+        named = found.layout or f"points called {some(found.names)}"
+        raise InputError(
+            f"{len(known)} of the body's {len(markers)} markers are among {named}",
+            field="--keypoints",
+            expected="points of a person. Animals, objects and other points need --skeleton FILE.toml (docs/points.md), "
+            "another body --model",
+        )
+
+
+def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeople:
+    """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
+    check_markers(found, markers)
+    table = _markers_of(found)
+    known = [name for name in markers if name in table]
+    into, of = [markers.index(name) for name in known], [table[name] for name in known]
+    points = np.full((*found.points.shape[:2], len(markers), 2), np.nan)
+    confidence = np.zeros(points.shape[:3])
+    points[:, :, into], confidence[:, :, into] = found.points[:, :, of], found.confidence[:, :, of]
+    points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
+    return found._replace(points=points, confidence=confidence, names=tuple(markers))

@@ -1,0 +1,293 @@
+"""Keypoints of several cameras in common frames: read, rid of what cannot be, and their clocks brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import FilePath, InputError
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io.keypoints import read_keypoints
+from poseppl.motion.keypoints.clock_offsets import Offsets, coarse_offsets, fine_offsets
+from poseppl.motion.keypoints.clocks import Aligned, Clock, align
+from poseppl.motion.keypoints.people import LARGEST_DISTANCE, choose_person
+from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
+
+FAR_OUTSIDE = 1.0
+"""A point farther outside of the picture than this share of its width or height is none."""
+LEAST_OFFSET, SURE = 0.5, 3.0
+"""An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
+_ROUNDS = 3
+_TOLD_FRAMES = 5
+LARGEST_RATIO = 50.0
+"""A camera's frames, by their times, are at most so many times as far apart as those of the recording, or as near."""
+_DAY = 86400.0
+"""Seconds; times that begin later are those of a clock, not of a recording."""
+_FEW = 0.5
+"""A camera that sees someone in a smaller share of its frames is told of."""
+
+
+class Clocks(NamedTuple):
+    """What is known of the cameras' clocks.
+
+    Attributes:
+        rate: Frames a second of the recording.
+        rates: Frames a second of cameras that have others.
+        offsets: Frames by which cameras are late, where that is known.
+        find: Whether offsets that are not known are sought.
+    """
+
+    rate: float
+    rates: Mapping[str, float] = {}
+    offsets: Mapping[str, float] = {}
+    find: bool = True
+
+
+def read_sources(
+    sources: Mapping[str, FilePath | DetectedPeople],
+    records: Mapping[str, CameraRecord],
+    detector: str | None,
+    layout: str | None,
+) -> tuple[list[DetectedPeople], list[str]]:
+    """Read the keypoints of cameras.
+
+    Args:
+        sources: Files or folders by the names of their cameras, or what was read of them.
+        records: Cameras by name.
+        detector: What wrote them; found from their content if None.
+        layout: Which points these are; found from them if None.
+
+    Returns:
+        What each camera saw, and what the user should know of it.
+
+    Raises:
+        InputError: A camera is unknown, a file cannot be read, or they have different points.
+    """
+    check_cameras(sources, records)
+    people, notes = [], []
+    for name, source in sources.items():
+        size = records[name].size
+        if isinstance(source, DetectedPeople):
+            found = source
+        else:
+            found = read_keypoints(source, detector, layout=layout, size=size, camera=name, cameras=tuple(records))
+        found, note = without_strays(found, size, name)
+        people.append(found)
+        notes += [f"{name}: {told}" for told in found.notes] + note
+        check_confidences(name, found)
+        seen = np.isfinite(found.points).any((1, 2, 3)).mean()
+        sure = found.confidence[np.isfinite(found.points).all(-1)]
+        if sure.size and np.median(sure) > 1:
+            notes.append(f"{name}: most confidences are above 1, up to {sure.max():.3g}, and count as 1: 0 to 1 are expected")
+        if seen < _FEW:
+            notes.append(f"{name}: nobody was found in {1 - seen:.0%} of its {len(found.frames)} frames")
+    if len({(found.layout, found.names) for found in people}) > 1:
+        kinds = sorted({found.layout or ", ".join(found.names)[:60] for found in people})
+        raise InputError(f"cameras with {' and '.join(kinds)}", field="--keypoints", expected="one layout in all")
+    check_different(dict(zip(sources, people, strict=True)))
+    return people, notes
+
+
+def check_cameras(names: Iterable[str], known: Collection[str]) -> None:
+    """Check that cameras are known.
+
+    Raises:
+        InputError: One is not.
+    """
+    for name in names:
+        if name not in known:
+            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+
+
+def check_confidences(name: str, found: DetectedPeople) -> None:
+    """Check that some points of a camera have confidence.
+
+    Raises:
+        InputError: They have none, so that none would count.
+    """
+    confidence = found.confidence[np.isfinite(found.points).all(-1)]
+    if confidence.size and confidence.max() < LEAST_CONFIDENCE:
+        raise InputError(
+            f"{name}: the confidence of all {confidence.size} points is below {LEAST_CONFIDENCE:g}, the largest is "
+            f"{confidence.max():.3g}, so that none counts",
+            field="--keypoints",
+            expected="confidences from 0 to 1; write 1 for each point if the detector gives none",
+        )
+
+
+def check_different(found: Mapping[str, DetectedPeople]) -> None:
+    """Check that no two cameras saw the same to the last digit: one file was given to both.
+
+    Raises:
+        InputError: Two did.
+    """
+    for one, other in combinations(found, 2):
+        if np.array_equal(found[one].points, found[other].points, equal_nan=True):
+            problem = f"{one} and {other} have the same points in all frames"
+            raise InputError(problem, field="--keypoints", expected="a file of its own for each camera")
+
+
+def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:
+    """Take away points that lie far outside of the picture, and tell of them."""
+    extent = np.array(size, float)
+    with np.errstate(invalid="ignore"):
+        far = (found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)
+    stray = np.any(far, axis=-1)
+    if not stray.any():
+        return found, []
+    t, p, k = np.argwhere(stray)[0]
+    x, y = found.points[t, p, k]
+    note = (
+        f"{name}: {stray.sum()} points lie far outside of its picture of {size[0]} x {size[1]} px and count as not seen, "
+        f"the first in frame {found.frames[t]}, {found.names[k]}, at ({x:.4g}, {y:.4g})"
+    )
+    points = np.where(stray[..., None], np.nan, found.points)
+    return found._replace(points=points, confidence=np.where(stray, 0.0, found.confidence)), [note]
+
+
+def own_clocks(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[Clock]:
+    """The clocks of cameras, as far as they are known.
+
+    Raises:
+        InputError: A name is none, or only some cameras have times.
+    """
+    for field, known in (("--offset", clocks.offsets), ("--camera-rate", clocks.rates)):
+        for name in known:
+            if name not in names:
+                raise InputError(f"no keypoints of a camera {name!r}", field=field, expected=", ".join(names))
+    timed = [found.times is not None for found in people]
+    if any(timed) and not all(timed):
+        missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
+        raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
+    start = _start_of_times(names, people, clocks.rate) if all(timed) else 0.0
+    return [
+        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate, start)
+        for name in names
+    ]
+
+
+def _start_of_times(names: Sequence[str], people: Sequence[DetectedPeople], rate: float) -> float:
+    """Seconds from which frames are counted: 0, or the first whole one of times that count from some other day.
+
+    Raises:
+        InputError: A camera's times are no seconds of frames at about that rate.
+    """
+    known = [found.times[np.isfinite(found.times)] for found in people if found.times is not None]
+    for name, times in zip(names, known, strict=True):
+        gap = float(np.median(np.diff(times))) if len(times) > 1 else 1 / rate
+        if not 1 / LARGEST_RATIO <= gap * rate <= LARGEST_RATIO:
+            problem = f"the frames of {name} are {gap:.3g} s apart by their times, those of the recording {1 / rate:.3g} s"
+            raise InputError(problem, field="--rate", expected="times in seconds, and the rate of the recording")
+    first = min(float(times[0]) for times in known)
+    return float(np.floor(first)) if first >= _DAY else 0.0
+
+
+def align_roughly(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[DetectedPeople]:
+    """What cameras saw in common frames, by what is known of their clocks."""
+    return align(people, own_clocks(tuple(names), people, clocks)).people
+
+
+def common_frames(
+    names: Sequence[str], cameras: Cameras, people: Sequence[DetectedPeople], clocks: Clocks, frames: str | None
+) -> tuple[Aligned, list[str]]:
+    """Bring cameras to common frames; offsets of their clocks that are not known are sought, and told.
+
+    Args:
+        names: C names of cameras.
+        cameras: The cameras.
+        people: What each saw, in its own frames.
+        clocks: What is known of the clocks.
+        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+
+    Raises:
+        InputError: A name is none, the cameras have no common frame, or only some have times.
+    """
+    own = own_clocks(names, people, clocks)
+    notes: list[str] = []
+    free = [c for c, name in enumerate(names) if name not in clocks.offsets]
+    if clocks.find and len(free) > 1:
+        late, notes = _found_offsets(names, cameras, people, own, free, clocks.rate)
+        own = [clock._replace(offset=clock.offset + late[c] * clock.ratio) for c, clock in enumerate(own)]
+    aligned = align(people, own, frames)
+    return aligned, notes + _span_notes(names, aligned)
+
+
+def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Sequence[Clock], rate: float) -> Offsets | None:
+    """Frames of the recording by which cameras are late beside what their clocks tell; None where it cannot be told.
+
+    The person is chosen with cameras whose clocks agree to half a frame, which takes a second round where they did not.
+    """
+    start = coarse_offsets(cameras, align(people, clocks).people)
+    found = None
+    for _ in range(_ROUNDS):
+        shifted = [clock._replace(offset=clock.offset + own * clock.ratio) for clock, own in zip(clocks, start, strict=True)]
+        try:
+            aligned = align(people, shifted).people
+            # cameras that agree no better than this tell nothing of the clocks
+            chosen = choose_person(cameras, aligned, rate, largest_alone=LARGEST_DISTANCE)
+            points, confidence = points_of(aligned, chosen)
+        except InputError:  # nobody is seen by two cameras: what follows says so
+            return None
+        beside = fine_offsets(cameras, points, confidence, rate)
+        if beside is None:
+            return found
+        found = Offsets(start + beside.frames, beside.deviation)
+        whole = np.round(found.frames)
+        if np.array_equal(whole, start):
+            break
+        start = whole
+    return found
+
+
+def _found_offsets(
+    names: Sequence[str],
+    cameras: Cameras,
+    people: Sequence[DetectedPeople],
+    own: Sequence[Clock],
+    free: Sequence[int],
+    rate: float,
+) -> tuple[Floats, list[str]]:
+    """Frames of the recording by which cameras are late beside what is known, 0 where it is not sure; what to tell."""
+    late = np.zeros(len(names))
+    found = find_offsets(cameras, people, own, rate)
+    if found is None:
+        return late, []
+    anchor = next((c for c in range(len(names)) if c not in free), free[0])
+    total = found.frames - found.frames[anchor]
+    deviation = np.maximum(found.deviation, found.deviation[found.deviation > 0].min())
+    notes = []
+    for c in free:
+        if c != anchor and abs(total[c]) >= LEAST_OFFSET and abs(total[c]) >= SURE * deviation[c]:
+            late[c] = total[c]
+            low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
+            notes.append(
+                f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
+                f"{high:+.1f}); this is mended (--offset gives another, --keep-clocks takes numbers of frames as they are)"
+            )
+    return late, notes
+
+
+def _span_notes(names: Sequence[str], aligned: Aligned) -> list[str]:
+    """Cameras that begin later or end earlier than the frames that are taken."""
+    first, last = aligned.frames[0], aligned.frames[-1]
+    notes = []
+    for name, (begin, end) in zip(names, aligned.spans, strict=True):
+        if begin > first + _TOLD_FRAMES:
+            notes.append(f"{name}: it begins at frame {begin:.0f}, the others at {first}; before that it sees nobody")
+        if end < last - _TOLD_FRAMES:
+            notes.append(f"{name}: it ends at frame {end:.0f}, the others at {last}; after that it sees nobody")
+    return notes
+
+
+def points_of(people: Sequence[DetectedPeople], chosen: Integers) -> tuple[Floats, Floats]:
+    """Points (T, C, K, 2) and confidence (T, C, K) of one person."""
+    rows = np.arange(len(chosen))
+    absent = chosen < 0
+    points = np.stack([found.points[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    confidence = np.stack([found.confidence[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    return np.where(absent[..., None, None], np.nan, points), np.where(absent[..., None], 0.0, confidence)

@@ -1,0 +1,1 @@
+"""Named points of anything, smoothed in three dimensions."""

@@ -1,0 +1,1 @@
+"""Recorded and simulated motion: subjects, placed cameras, the truth."""

@@ -1,0 +1,146 @@
+"""Whom to track where the truth is known: the built-in walk, or a recorded person."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+
+from poseppl.errors import FilePath, InputError, brief
+from poseppl.motion.bodies.body import body_builder, load_builder
+from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
+from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
+from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
+from poseppl.motion.tracking.body_sizes import read_lengths
+
+DEFAULT_MODEL = "poseppl_models.bodies.choo_fleet:full_body"
+"""The body that is tracked by default; resolved when it is used."""
+DEFAULT_WALK = "poseppl_models.bodies.gait:walk"
+"""The built-in walk; resolved when it is used."""
+WALK_FRAMES = 60
+WALK_RATE = 30.0
+LONGEST_WALK = 100_000
+_TURNED_SECONDS = 2.0
+"""Of the walk at least, by whose direction it is laid along a circle, however few frames of it are asked for."""
+
+
+def walking_subject(
+    model: str = DEFAULT_MODEL, *, frames: str | None = None, rate: float | None = None, turn: float | None = None
+) -> MovingSubject:
+    """Let a body walk the built-in gait.
+
+    Args:
+        model: Its builder, ``package.module:builder``.
+        frames: Range "start:stop:step" of the walk; the first 60 frames if None.
+        rate: Frames a second, 30 by default.
+        turn: Radius (mm) of a circle that is walked along, positive to the left; straight on if None.
+
+    Raises:
+        InputError: The model is not found, or is no body that the walk fits, or the circle is too small.
+    """
+    rate = WALK_RATE if rate is None else rate
+    if not 0 < rate <= 10_000:
+        raise InputError(f"{rate:g} frames a second", field="--rate", expected="above 0, at most 10000")
+    chosen = FrameRange.parse(frames)
+    stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
+    if stop > LONGEST_WALK:
+        raise InputError(
+            f"{brief(frames)} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk"
+        )
+    length = stop if turn is None else max(stop, ceil(_TURNED_SECONDS * rate))
+    gait = load_builder(DEFAULT_WALK)(rate, length)
+    build = body_builder(model)
+    states, standard = np.asarray(gait.states, np.float64), build(None)
+    if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):
+        problem = f"the built-in walk has {states.shape[1]} coordinates and lengths of its own, which {model} does not share"
+        raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
+    body = build(dict(gait.lengths))
+    markers = body.places(states)
+    if turn is not None:
+        bend = bend_along_circle(markers[:, body.tree.marker_names.index(body.root)], rate, turn)
+        states, markers = bend.states(body.tree, states)[:stop], bend.places(markers)[:stop]
+    whole = Motion(body.tree.marker_names, markers, (), rate, "built-in walk")
+    part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
+    return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
+
+
+def recorded_subject(
+    path: FilePath,
+    skeleton: FilePath | None = None,
+    *,
+    model: str = DEFAULT_MODEL,
+    frames: str | None = None,
+    rate: float | None = None,
+    scale: float | None = None,
+    up: str | None = None,
+    names: FilePath | None = None,
+    lengths: FilePath | None = None,
+    turn: float | None = None,
+) -> MovingSubject:
+    """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
+
+    Args:
+        path: A .amc, .bvh, .c3d or .trc file, or a .txt motion of DeepMimic or of exponential maps.
+        skeleton: The .asf file of an .amc file, the character file of a DeepMimic motion, the .json file of exponential maps.
+        model: Builder of the body.
+        frames: Range "start:stop:step"; all if None.
+        rate: Frames a second, where the format does not tell.
+        scale: Millimetres a unit, where the format does not tell.
+        up: The axis that points up, where the format does not tell.
+        names: A TOML file that says which points are which markers (`poseppl.motion.io.read_names`), where the names
+            are unusual.
+        lengths: A TOML file of segment lengths, mm, that are known; the others are measured.
+        turn: Radius (mm) of a circle that the chosen frames are laid along, as :func:`turned` does; as recorded if None.
+
+    Raises:
+        InputError: A file, the range or the model cannot be used, or the motion cannot be laid along the circle.
+    """
+    build = body_builder(model)
+    whole = read_motion(path, skeleton, rate=rate, scale=scale, up=up)
+    motion, chosen, count = chosen_motion(whole, model, frames, names, turn), FrameRange.parse(frames), len(whole.positions)
+    if not np.isfinite(motion.positions).all(-1).any():
+        raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
+    given = None if names is None else read_names(names)
+    known = None if lengths is None else read_lengths(lengths, model)
+    subject = fit_subject(motion, build, known, given)
+    return subject._replace(frames=np.arange(count)[chosen.within(count)], source=str(path))
+
+
+def chosen_motion(
+    whole: Motion, model: str, frames: str | None = None, names: FilePath | None = None, turn: float | None = None
+) -> Motion:
+    """Take frames of a motion, and lay them along a circle if one is asked for, before any in between are left out.
+
+    Args:
+        whole: The motion.
+        model: As :func:`recorded_subject` takes it, and likewise the others.
+        frames: Range "start:stop:step"; all if None.
+        names: Which points are which markers.
+        turn: Radius of the circle, mm; as recorded if None.
+
+    Raises:
+        InputError: As :func:`recorded_subject`.
+    """
+    chosen = FrameRange.parse(frames)
+    if turn is None:
+        return slice_frames(whole, chosen)
+    span = slice_frames(whole, chosen._replace(step=1))
+    return slice_frames(turned(span, turn, model, names), FrameRange(step=chosen.step))
+
+
+def turned(motion: Motion, radius: float, model: str = DEFAULT_MODEL, names: FilePath | None = None) -> Motion:
+    """Lay a walk along a circle on the floor (`poseppl.motion.bodies.circle`).
+
+    Args:
+        motion: The walk.
+        radius: Of the circle, mm; positive turns left.
+        model: Builder of the body whose root, a marker, is found among the motion's points.
+        names: Which points are which markers, where the names are unusual.
+
+    Raises:
+        InputError: The radius is too small, the motion goes nowhere, or it lacks the root.
+    """
+    body = body_builder(model)(None)
+    given = None if names is None else read_names(names)
+    markers = match_markers(motion, body.tree.marker_names, body.aliases, given)
+    return bend_motion(motion, markers[:, body.tree.marker_names.index(body.root)], radius)

@@ -1,0 +1,1 @@
+"""A person's silhouettes in calibrated videos."""

@@ -1,0 +1,1 @@
+"""Statistical studies behind the tables of the documentation."""

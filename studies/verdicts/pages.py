@@ -1,0 +1,125 @@
+"""Which parts of which pages are made from tables, and the pages of experiments.
+
+In a page such a part stands between two marks, ``<!-- from tables: NAME -->`` and ``<!-- end -->``. All numbers and verdicts in
+it come from studies/tables and from the folders of experiments, through the functions named here. An experiment's folder has
+its page, which its own functions make.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from poseppl_papers.catalogue import EXPERIMENTS, find_experiment
+from poseppl_papers.experiment import Experiment
+from poseppl_papers.page import claims_of
+from poseppl_papers.provenance import read_folder
+from poseppl_papers.tables import Table
+
+from studies.verdicts import (
+    choo_fleet,
+    choosing,
+    compile_times,
+    default_filter,
+    ensembles,
+    fast_motion,
+    independent_answers,
+    keypoints,
+    learned_prior,
+    marker_places,
+    modes,
+    motion_peers,
+    named_points,
+    one_camera,
+    predictions,
+    sampling,
+    simulated_keypoints,
+    simulated_motion,
+    sminchisescu_triggs,
+    smoothing,
+    toolkit_speed,
+    walks,
+)
+
+Tables = Mapping[str, Table]
+Section = Callable[[Tables], str]
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+FOLDERS = {"": ROOT / "studies" / "tables"} | {f"{name}/": DOCS / name for name in EXPERIMENTS if (DOCS / name).is_dir()}
+"""Where tables are, by what their names begin with."""
+MARKED = re.compile(r"(<!-- from tables: ([\w-]+) -->\n\n)(.*?)(\n\n<!-- end -->)", re.DOTALL)
+
+
+def experiments() -> list[Experiment]:
+    """Those whose tables are committed."""
+    return [find_experiment(name) for name in EXPERIMENTS if f"{name}/" in FOLDERS]
+
+
+def tables_of(experiment: str, tables: Tables) -> dict[str, Table]:
+    """The tables of an experiment by their own names."""
+    start = f"{experiment}/"
+    return {name.removeprefix(start): table for name, table in tables.items() if name.startswith(start)}
+
+
+def of(experiment: str, section: Section) -> Section:
+    """A section of an experiment's tables."""
+    return lambda tables: section(tables_of(experiment, tables))
+
+
+def claims(experiment: str) -> Section:
+    """The claims of an experiment."""
+    return of(experiment, lambda tables: claims_of(find_experiment(experiment), tables))
+
+
+SECTIONS: Mapping[str, Mapping[str, Section]] = {
+    "checked.md": {"independent-answers": independent_answers.independent_answers},
+    "choosing.md": {"default-filter": default_filter.default_filter, "choosing": choosing.choosing},
+    "compared.md": {"motion-peers": motion_peers.motion_peers},
+    "keypoints.md": {
+        "keypoints": keypoints.keypoints,
+        "keypoint-speed": keypoints.speed,
+        "one-camera": one_camera.one_camera,
+        "simulated-keypoints": simulated_keypoints.recorded,
+        "simulated-clocks": simulated_keypoints.clocks,
+        "smoother-ranks": simulated_keypoints.ranks,
+    },
+    "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
+    "measurements.md": {
+        "random-walks": walks.random_walks,
+        "marker-places": marker_places.marker_places,
+        "fast-motion": fast_motion.fast_motion,
+        "fast-motion-modes": fast_motion.fast_motion_modes,
+        "learned-prior": learned_prior.points,
+        "learned-prior-silhouettes": learned_prior.silhouettes,
+        "smoothing-pays": smoothing.smoothing_pays,
+        "filters": sampling.filters,
+        "frame-samplers": sampling.frame_samplers,
+        "ensembles": ensembles.ensembles,
+        "simulated-motion": simulated_motion.simulated_motion,
+        "simulated-coordinates": simulated_motion.coordinates,
+        "simulated-checks": predictions.lost,
+        "modes-found": modes.modes_found,
+        "trajectory": sampling.trajectory,
+        "particle-mgrad": sampling.particle_mgrad,
+        "speed-ups": of("choo-fleet-2001", choo_fleet.speed_ups),
+        "contest": of("choo-fleet-2001", choo_fleet.contest),
+        "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
+        "toolkit-speed": toolkit_speed.beside_rivals,
+        "compile-times": compile_times.compile_times,
+        "first-results": toolkit_speed.first_results,
+    },
+    "points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
+    "verdicts.md": {"predictive-checks": predictions.checks},
+}
+
+
+def read_tables() -> dict[str, Table]:
+    """All committed tables by name."""
+    folders = FOLDERS.items()
+    return {f"{start}{name}": kept.table for start, folder in folders for name, kept in read_folder(folder).items()}
+
+
+def made(text: str, page: str, tables: Tables) -> str:
+    """The text of a page with its marked parts made anew."""
+    return MARKED.sub(lambda found: found[1] + SECTIONS[page][found[2]](tables) + found[4], text)

@@ -1,0 +1,163 @@
+"""Tracks of Sminchisescu and Triggs 2001: when a body is lost, what tables say of it, and a run that ends early."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from poseppl_papers.experiment import FAILS, HOLDS, UNDECIDED
+from poseppl_papers.measured import mean_interval
+from poseppl_papers.page import page_of
+from poseppl_papers.provenance import read_folder
+from poseppl_papers.recordings import BUILT_IN
+from poseppl_papers.sminchisescu_triggs import EXPERIMENT
+from poseppl_papers.sminchisescu_triggs.claims import claims
+from poseppl_papers.sminchisescu_triggs.motions import PROGRAMS, moving
+from poseppl_papers.sminchisescu_triggs.plan import FULL, QUICK, plan_arm, plan_complex, plan_pivot
+from poseppl_papers.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, percent_lost
+from poseppl_papers.sminchisescu_triggs.tabulate import COLUMNS, losses
+from poseppl_papers.sminchisescu_triggs.trackers import PUBLISHED, TRACKERS
+from poseppl_papers.sminchisescu_triggs.tracks import Tracks, scene_of, track
+from poseppl_papers.tables import Table
+from scipy import stats
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "sminchisescu-triggs-2001"
+
+
+def test_a_body_is_lost_where_it_stays_lost():
+    """Five frames of 25 a second make 0.2 s; four do not, and what comes after is not asked."""
+    errors = np.full(40, LOST - 1)
+    errors[3:7] = LOST + 1
+    assert lost_at(errors, 25.0) == np.inf
+    errors[20:25] = LOST + 1
+    assert lost_at(errors, 25.0) == 20 / 25
+    assert lost_at(errors[:24], 25.0) == np.inf and lost_at(np.full(3, 2 * LOST), 25.0) == np.inf
+
+
+def test_intervals():
+    """Wilson's by its formula, Student's against scipy's."""
+    count, runs, z = 3, 12, stats.norm.ppf(0.975)
+    share = count / runs
+    middle = (share + z**2 / (2 * runs)) / (1 + z**2 / runs)
+    half = z / (1 + z**2 / runs) * np.sqrt(share * (1 - share) / runs + z**2 / (4 * runs**2))
+    lost = np.where(np.arange(runs) < count, 0.4, np.inf)
+    np.testing.assert_allclose(percent_lost(lost), np.multiply(100, (share, middle - half, middle + half)), rtol=1e-9)
+    values = np.array([1.0, 2.0, 4.0, 4.5])
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    np.testing.assert_allclose(mean_interval(values), (values.mean(), expected.low, expected.high), rtol=1e-9)
+    assert mean_interval(np.array([2.0]))[1:] == (-np.inf, np.inf)
+    np.testing.assert_equal(mean_interval([]), (np.nan, -np.inf, np.inf))
+    np.testing.assert_array_equal(kept_seconds(np.array([0.4, np.inf]), 1.2), [0.4, 1.2])
+
+
+def table_of(name, lost, ratio=1000.0, length=1.2):
+    """A table by hand: seconds at which each tracker loses the body, by run."""
+    rows = [
+        (name, name, 25.0, "cluttered", length, tracker, seed, float(when), 50.0, ratio, 2.0, 0.1)
+        for tracker, times in lost.items()
+        for seed, when in enumerate(times)
+    ]
+    return {name: Table(name, COLUMNS, rows)}
+
+
+NEVER, EARLY = [np.inf] * 12, [0.3 + 0.02 * run for run in range(12)]
+
+
+def verdicts(tables):
+    return {claim.what: claim.verdict for claim in claims(tables)}
+
+
+def test_verdicts_of_tables_by_hand():
+    """What is lost at once and what never is; halves decide nothing, nor do few runs."""
+    found = verdicts(table_of("pivot", {PUBLISHED: NEVER, "robust, single mode": EARLY, "MHT, robust": NEVER}))
+    assert found["pivoting body: lost by robust, single mode"] == HOLDS
+    assert found["pivoting body: lost by MHT, robust"] == FAILS
+    kept = f"pivoting body, cluttered room: kept to the end by {PUBLISHED} sampling"
+    longer = f"pivoting body: {PUBLISHED} sampling keeps the body longer than "
+    assert found[kept] == HOLDS
+    assert found[longer + "robust, single mode"] == HOLDS and found[longer + "MHT, robust"] == UNDECIDED
+    worse = verdicts(table_of("pivot", {PUBLISHED: EARLY, "robust, single mode": NEVER}))
+    assert worse[kept] == worse[longer + "robust, single mode"] == FAILS
+    half = verdicts(table_of("pivot", {PUBLISHED: NEVER[:6] + EARLY[:6]}))
+    assert half[kept] == UNDECIDED
+    few = verdicts(table_of("pivot", {PUBLISHED: NEVER[:9]}))
+    assert few[kept] == "no verdict from 9 runs"
+
+
+def test_verdicts_of_numbers():
+    """Ratios within a factor of three; more modes that keep the body a tenth longer would be needed."""
+    more = f"{PUBLISHED}, twice as many"
+    name = "pivoting body: 7 modes x 6 directions suffice"
+    assert verdicts(table_of("pivot", {PUBLISHED: NEVER, more: NEVER}))[name] == HOLDS
+    assert verdicts(table_of("pivot", {PUBLISHED: EARLY, more: NEVER}))[name] == FAILS
+    of = "Largest over smallest standard deviation of a mode, body; theirs 32 coordinates, ours 30"
+    for ratio, verdict in ((1000.0, HOLDS), (500.0, FAILS), (7000.0, FAILS)):
+        assert verdicts(table_of("pivot", {PUBLISHED: NEVER}, ratio))[of] == verdict
+
+
+def test_a_summary_of_losses():
+    row = losses(table_of("pivot", {PUBLISHED: NEVER[:6] + [0.6] * 6})["pivot"])[0]
+    assert row[2:4] == (PUBLISHED, 12) and row[4].startswith("50 % (25 to 75)") and row[5].startswith("0.90 of 1.2 s")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("scene", "kind"), [("arm", "arm"), ("pivot", "stiff_shoulders"), ("turns", "full")])
+def test_own_motions_keep_to_the_limits(scene, kind):
+    """And differ from seed to seed."""
+    made = [moving(scene, kind, BUILT_IN, 25.0, 2.0, seed) for seed in range(2)]
+    low, high = made[0].body.limits.T
+    limited = np.isfinite(low)
+    for each in made:
+        assert each.states.shape == (50, len(low)) and each.markers.shape[0] == 50
+        assert (each.states[:, limited] >= low[limited]).all() and (each.states[:, limited] <= high[limited]).all()
+    assert np.abs(made[0].states - made[1].states).max() > 0.1 and scene in PROGRAMS
+
+
+@pytest.mark.full
+def test_points_go_astray_in_clutter_alone():
+    jobs = [Tracks("arm", "arm", BUILT_IN, 25.0, 2.0, cluttered, PUBLISHED, (0,)) for cluttered in (False, True)]
+    black, cluttered = (scene_of(job, 0).points for job in jobs)
+    far = np.abs(cluttered - black).max(-1) > 1e-6
+    assert 0.04 < far.mean() < 0.18  # a tenth of 200
+
+
+def test_every_part_has_its_jobs():
+    for plan in (plan_arm, plan_pivot, plan_complex):
+        for scale in (FULL, QUICK):
+            jobs = plan(scale, (BUILT_IN,))["tracks"].jobs
+            assert len({job.key for job in jobs}) == len(jobs)
+            assert {job.tracker for job in jobs} >= {PUBLISHED, "Gaussian, single mode"} <= set(TRACKERS)
+            seeds = [seed for job in jobs if job.tracker == PUBLISHED and job.rate == 25.0 for seed in job.seeds]
+            assert sorted(seeds) == list(range(scale.more_runs if plan is plan_complex else scale.runs))
+
+
+@pytest.mark.slow  # a minute to compile
+def test_an_arm_is_lost_by_a_gaussian_tracker_and_kept_by_the_published_one():
+    found = {
+        tracker: track(Tracks("arm", "arm", BUILT_IN, 25.0, 8.0, True, tracker, (0, 1)))
+        for tracker in (PUBLISHED, "Gaussian, single mode")
+    }
+    assert np.isinf(found[PUBLISHED]["lost"]).all() and (found[PUBLISHED]["error"] < 60).all()
+    assert np.isfinite(found["Gaussian, single mode"]["lost"]).all()
+    assert (found[PUBLISHED]["ratio"] > 10).all()
+
+
+@pytest.mark.full
+def test_the_committed_page_says_what_its_tables_say():
+    assert page_of(EXPERIMENT, FOLDER) == (FOLDER / "page.md").read_text(encoding="utf-8")
+    kept = read_folder(FOLDER)
+    assert {f"{name}.csv" for name in kept} == {path.name for path in FOLDER.glob("*.csv")} and kept
+    assert all(set(each.table.column("tracker")) <= set(TRACKERS) for each in kept.values())
+
+
+@pytest.mark.full
+def test_another_number_in_a_table_is_another_page(tmp_path):
+    """A run that kept the arm to the end, made one that lost it."""
+    for path in FOLDER.iterdir():
+        shutil.copy(path, tmp_path / path.name)
+    text = (tmp_path / "arm.csv").read_text(encoding="utf-8")
+    assert ",inf," in text
+    (tmp_path / "arm.csv").write_text(text.replace(",inf,", ",0.5,", 1), encoding="utf-8")
+    assert page_of(EXPERIMENT, tmp_path) != page_of(EXPERIMENT, FOLDER)
