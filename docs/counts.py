@@ -13,6 +13,7 @@ import tokenize
 from collections import Counter
 from io import BytesIO
 from pathlib import Path
+from statistics import median
 
 ROOT = Path(__file__).parent.parent
 _FOLDERS = ("poseppl", "models", "papers")
@@ -57,15 +58,24 @@ def compare_with(commit: str) -> None:
 def main() -> None:
     """Print a row for each package, the largest first, and their sum."""
     counts: dict[str, Counter[str]] = {}
+    lengths: list[int] = []
     for path in [*ROOT.glob("poseppl/**/*.py"), *ROOT.glob("models/**/*.py"), *ROOT.glob("papers/**/*.py")]:
         parts = path.relative_to(ROOT).parts
-        package = "/".join(parts[: min(len(parts) - 1, 3 if parts[1] in ("motion", "experiments") else 2)])
+        package = "/".join(parts[: min(len(parts) - 1, 3 if parts[1] in ("motion", "poseppl_models", "poseppl_papers") else 2)])
         source = path.read_text()
         found = Counter(files=1, lines=len(source.splitlines()), tokens=count_tokens(source))
-        for name in (package, "sum"):
+        lengths.append(found["lines"])
+        for name in (package, _wing(parts), "sum"):
             counts[name] = counts.get(name, Counter()) + found
     for name, each in sorted(counts.items(), key=lambda item: item[1]["tokens"]):
-        print(f"{name:34}{each['files']:6}{each['lines']:8}{each['tokens']:9}")
+        print(f"{name:44}{each['files']:6}{each['lines']:8}{each['tokens']:9}")
+    print(f"lines of a file: median {median(lengths):g}, largest {max(lengths)}, above 350 {sum(each > 350 for each in lengths)}")
+
+
+def _wing(parts: tuple[str, ...]) -> str:
+    if parts[0] != "poseppl":
+        return "wing: models and papers"
+    return "wing: motion with cli" if parts[1] in ("motion", "cli") else "wing: toolkit"
 
 
 if __name__ == "__main__":
