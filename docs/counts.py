@@ -69,7 +69,8 @@ def main() -> None:
             counts[name] = counts.get(name, Counter()) + found
     for name, each in sorted(counts.items(), key=lambda item: item[1]["tokens"]):
         print(f"{name:44}{each['files']:6}{each['lines']:8}{each['tokens']:9}")
-    print(f"lines of a file: median {median(lengths):g}, largest {max(lengths)}, above 350 {sum(each > 350 for each in lengths)}")
+    above = sum(each > 350 for each in lengths)
+    print(f"lines of a file: median {median(lengths):g}, largest {max(lengths)}, {above} files above 350")
 
 
 def _wing(parts: tuple[str, ...]) -> str:
