@@ -14,7 +14,8 @@ from jax import monitoring
 
 from benchmarks.timing import DATA, arguments, show
 from poseppl.motion.recordings.placing import camera_names, cameras_around
-from poseppl.motion.tracking import TrackSettings, observe_motion, recorded_subject, track
+from poseppl.motion.recordings.subjects import recorded_subject
+from poseppl.motion.tracking import TrackSettings, observe_motion, track
 
 
 def main() -> None:

@@ -28,7 +28,8 @@ from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
 from poseppl.motion.likelihoods import ProjectedMarkers
-from poseppl.motion.tracking import Problem, make_problem, observe_motion, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
+from poseppl.motion.tracking import Problem, make_problem, observe_motion
 from poseppl.runs.frame_sequence import frame_inputs
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, Smoother, collect_history, particle_mgrad_smoother, trajectory_smoother

@@ -34,7 +34,9 @@ import numpy as np
 import poseppl
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import project
-from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, place_cameras, track, walking_subject
+from poseppl.motion.recordings.placing import place_cameras
+from poseppl.motion.recordings.subjects import walking_subject
+from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, track
 from poseppl.particles.resampling import systematic
 from poseppl.report import new_picture, plot_error, plot_overlay, plot_pose3d
 

@@ -16,7 +16,7 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show, write_table
 from poseppl.arrays import Floats
-from poseppl.motion.tracking import recorded_subject
+from poseppl.motion.recordings.subjects import recorded_subject
 
 NAME, STEP, LEAST = "postures", 4, 0.05
 WALKS = (

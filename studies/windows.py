@@ -23,7 +23,8 @@ from benchmarks.timing import arguments, show
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import Filter, assumed_density_filter, kalman_filter, window_filter
 from poseppl.motion.geometry import marker_positions, paper_camera
-from poseppl.motion.tracking import make_problem, observe_motion, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
+from poseppl.motion.tracking import make_problem, observe_motion
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import frame_inputs

@@ -19,8 +19,7 @@ def find_subject(recording: str | None, options: dict[str, Any], note: Callable[
         options: Of the command.
         note: Prints what the file's reader assumed.
     """
-    from poseppl.motion.recordings.subjects import DEFAULT_MODEL
-    from poseppl.motion.tracking import recorded_subject, walking_subject
+    from poseppl.motion.recordings.subjects import DEFAULT_MODEL, recorded_subject, walking_subject
 
     model = options["model"] or DEFAULT_MODEL
     if recording is None:

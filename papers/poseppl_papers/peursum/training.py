@@ -7,7 +7,7 @@ from poseppl.files.store import key_of
 from poseppl.motion.io import Motion, read_motion, resample
 from poseppl.motion.learned import pose_recording, train_factored_motion, write_factored_tables
 from poseppl.motion.learned.posed_recordings import Recording as Recorded
-from poseppl.motion.tracking import walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl_papers.recordings import Recording
 
 BODY = "poseppl_models.peursum.marker_body:full_body"

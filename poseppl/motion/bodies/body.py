@@ -35,6 +35,9 @@ _SHIPPED = "poseppl_models"
 _GROUP = "poseppl.models"
 _BUILDER = "a function of segment lengths (None for those of a standard subject) that returns a Body"
 
+DEFAULT_MODEL = "poseppl_models.bodies.choo_fleet:full_body"
+"""The body that is tracked by default; resolved when it is used."""
+
 
 class Body(NamedTuple):
     """A body model and how recordings map onto it.

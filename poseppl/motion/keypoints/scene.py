@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.frame_range import FrameRange
-from poseppl.motion.bodies.body import Body, body_builder
+from poseppl.motion.bodies.body import DEFAULT_MODEL, Body, body_builder
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
@@ -38,7 +38,6 @@ from poseppl.motion.keypoints.single_camera import noise_in_one_camera
 from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
 from poseppl.motion.recordings.placing import cameras_of_records
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of

@@ -7,14 +7,12 @@ from math import ceil
 import numpy as np
 
 from poseppl.errors import FilePath, InputError, brief
-from poseppl.motion.bodies.body import body_builder, load_builder
+from poseppl.motion.bodies.body import DEFAULT_MODEL as DEFAULT_MODEL, body_builder, load_builder
 from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
 from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
 
-DEFAULT_MODEL = "poseppl_models.bodies.choo_fleet:full_body"
-"""The body that is tracked by default; resolved when it is used."""
 DEFAULT_WALK = "poseppl_models.bodies.gait:walk"
 """The built-in walk; resolved when it is used."""
 WALK_FRAMES = 60

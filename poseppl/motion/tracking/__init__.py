@@ -1,7 +1,5 @@
 """Tracking a body in images: the scene, the cameras, a start, the run, and its result."""
 
-from poseppl.motion.recordings.placing import place_cameras as place_cameras
-from poseppl.motion.recordings.subjects import recorded_subject as recorded_subject, walking_subject as walking_subject
 from poseppl.motion.tracking.export import export as export
 from poseppl.motion.tracking.metrics import Metrics as Metrics, measure_run as measure_run
 from poseppl.motion.tracking.problem import (

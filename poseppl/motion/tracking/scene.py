@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.frame_range import FrameRange
-from poseppl.motion.bodies.body import Body, body_builder
+from poseppl.motion.bodies.body import DEFAULT_MODEL, Body, body_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io import CameraRecord, Observations, read_observations
 from poseppl.motion.recordings.placing import cameras_of_records, check_in_front
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.program import CompiledModel, Observation

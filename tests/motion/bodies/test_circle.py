@@ -9,8 +9,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree
 from poseppl.motion.io import read_motion, slice_frames
-from poseppl.motion.recordings.subjects import turned
-from poseppl.motion.tracking import recorded_subject, walking_subject
+from poseppl.motion.recordings.subjects import recorded_subject, turned, walking_subject
 
 RATE, SPEED = 100.0, 1300.0
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, opensim_values
 from poseppl.motion.io.mot import read_mot
-from poseppl.motion.tracking import recorded_subject
+from poseppl.motion.recordings.subjects import recorded_subject
 
 
 def values_of(body, states):

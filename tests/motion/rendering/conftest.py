@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from poseppl.errors import PosepplError
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.rendering import Setting, Stage, build_setting
-from poseppl.motion.tracking import walking_subject
 
 SMALL = (96, 72)
 

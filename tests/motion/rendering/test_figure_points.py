@@ -11,11 +11,11 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io import read_motion, slice_frames
+from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.rendering import Setting, build_setting, find_toes
 from poseppl.motion.rendering.figure import SEGMENTS, dress_figure, figure_pose
 from poseppl.motion.rendering.points import JOINTS, SOLE, figure_points
 from poseppl.motion.rendering.room import corner_cameras, room_around
-from poseppl.motion.tracking import recorded_subject
 
 Build = Callable[..., Setting]
 

@@ -7,7 +7,8 @@ import pytest
 
 from poseppl.diagnostics import verdicts
 from poseppl.motion.recordings.placing import camera_names, cameras_around
-from poseppl.motion.tracking import TrackSettings, observe_motion, track, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
+from poseppl.motion.tracking import TrackSettings, observe_motion, track
 
 
 @pytest.fixture(scope="module")
