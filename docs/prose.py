@@ -1,0 +1,81 @@
+"""Find prose that is hard to read: python docs/prose.py [FILE.md ...]; without files, the pages of PAGES.
+
+It reports words that have a plainer or a more usual one, and sentences of more than 30 words, in prose that is no code and no
+table.
+The status is the number of findings, at most 100.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = (
+    *("README.md", "CONTRIBUTING.md", "docs/architecture.md", "docs/checked.md", "docs/conventions.md", "docs/formats.md"),
+    *("docs/opensim.md", "docs/quickstart.md", "docs/security.md", "docs/your_cameras.md", "docs/your_model.md"),
+)
+"""Pages that have no findings; add a page once it is rewritten."""
+LONGEST = 30
+WORDS = {
+    r"told|tells (?:of|the user)": "reported, warned, printed",
+    r"mend(?:s|ed|ing)?": "correct, fix",
+    r"foretold|foretells?": "predicted",
+    r"intervals? (?:that )?holds?|holds? \d+ %": "the coverage of ... is",
+    r"anew": "again",
+    r"of ours": "our",
+    r"a root of a second": "the square root of the time",
+    r"nothing to complain of": "no problems detected",
+    r"for who|who is told": "if you",
+    r"as it is": "unchanged",
+    r"the former|the latter": "name it",
+    r"lasting errors|errors that last": "autocorrelated errors",
+    r"too sure": "overconfident",
+    r"house|wings? of": "package",
+}
+
+
+def paragraphs(text: str) -> Iterator[tuple[int, str]]:
+    """Paragraphs of prose with the number of their first line, list items on their own."""
+    fenced, start, lines = False, 0, list[str]()
+    for number, line in enumerate([*text.splitlines(), ""], start=1):
+        if line.startswith("```"):
+            fenced = not fenced
+        prose = not (fenced or line.startswith(("```", "#", "|", "    ", "<!--", "![", ">>>")) or not line.strip())
+        begins = bool(re.match(r"\s*(?:[*-]|\d+\.) ", line))
+        if lines and (not prose or begins):
+            yield start, " ".join(lines)
+            lines = []
+        if prose:
+            start = start if lines else number
+            lines.append(line.strip())
+
+
+def findings(text: str) -> Iterator[tuple[int, str]]:
+    """Line numbers and what is wrong there."""
+    for number, paragraph in paragraphs(text):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", re.sub(r"`[^`]*`", "Code", paragraph))
+        plain = re.sub(r"\([^)]*\)", "", plain)
+        for pattern, better in WORDS.items():
+            for match in re.finditer(rf"\b(?:{pattern})\b", plain, re.IGNORECASE):
+                yield number, f"{match[0]!r}: write {better}"
+        for sentence in re.split(r"(?<=[.!?:;])[\"')]*\s+", plain):
+            words = len(re.findall(r"[A-Za-z][\w'-]*", sentence))
+            if words > LONGEST:
+                yield number, f"a sentence of {words} words: {sentence[:60]} ..."
+
+
+def main() -> int:
+    """Print the findings of the files that are named."""
+    count = 0
+    for name in sys.argv[1:] or PAGES:
+        for number, problem in findings((ROOT / name).read_text(encoding="utf-8")):
+            print(f"{name}:{number}: {problem}")
+            count += 1
+    return min(count, 100)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

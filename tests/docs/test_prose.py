@@ -1,0 +1,33 @@
+"""The finder of prose that is hard to read."""
+
+from __future__ import annotations
+
+from prose import findings
+
+PAGE = (
+    """# The user is told in a heading
+
+Errors are mended, and
+    the user is told in code
+told twice: `told` and [told here](told.md).
+
+```python
+told = 1
+```
+
+| told | in a table |
+
+* """
+    + " ".join(["word"] * 31)
+    + """.
+* Short. """
+    + " ".join(["word"] * 29)
+    + """
+"""
+)
+
+
+def test_words_and_long_sentences_are_found_in_prose_alone() -> None:
+    found = list(findings(PAGE))
+    assert [number for number, _ in found] == [3, 5, 5, 13]
+    assert "'mended': write correct, fix" in found[0][1] and "a sentence of 31 words" in found[3][1]
