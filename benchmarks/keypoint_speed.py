@@ -32,7 +32,7 @@ DEFAULT, KALMAN = "filter, assumed density", "filter, Kalman"
 FILTERS = {DEFAULT: TrackSettings(), KALMAN: TrackSettings(filter="kalman")}
 LASTING, INDEPENDENT = SmoothSettings("laplace", errors="lasting"), SmoothSettings("rauch-tung-striebel")
 SMOOTHERS = {
-    "smoother, lasting errors": (DEFAULT, LASTING),
+    "smoother, autocorrelated errors": (DEFAULT, LASTING),
     "the same after the Kalman filter": (KALMAN, LASTING),
     "smoother, Rauch-Tung-Striebel": (KALMAN, INDEPENDENT),
 }

@@ -15,7 +15,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (
     *("README.md", "CONTRIBUTING.md", "docs/architecture.md", "docs/checked.md", "docs/conventions.md", "docs/formats.md"),
-    *("docs/opensim.md", "docs/quickstart.md", "docs/security.md", "docs/your_cameras.md", "docs/your_model.md"),
+    *(
+        "docs/keypoints.md",
+        "docs/opensim.md",
+        "docs/points.md",
+        "docs/quickstart.md",
+        "docs/security.md",
+        "docs/your_cameras.md",
+        "docs/your_model.md",
+    ),
 )
 """Pages that have no findings; add a page once it is rewritten."""
 LONGEST = 30

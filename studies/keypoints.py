@@ -149,7 +149,7 @@ def main() -> None:
             rows.append(row("linear triangulation", cameras, places_of(found), reference, []))
             rows.append(row("gates and low-pass", cameras, gated(found), reference, []))
             answers["smoother, independent errors"] = smooth(filtered, SmoothSettings())
-            answers["smoother, lasting errors"] = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
+            answers["smoother, autocorrelated errors"] = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
         for name, tree in answers.items():
             draws = np.asarray(tree["posterior/markers"].values, np.float64)
             draws = draws.reshape(-1, *draws.shape[2:])

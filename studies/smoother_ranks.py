@@ -1,6 +1,6 @@
 """Simulation-based calibration of the smoother of a detector's keypoints: is the truth one of its draws like any other?
 
-    POSEPPL_DATA=FOLDER python -m studies.smoother_ranks [--quick] [--cases right,mended,independent,half] [--cameras 4,2]
+    POSEPPL_DATA=FOLDER python -m studies.smoother_ranks [--quick] [--cases right,corrected,independent,half] [--cameras 4,2]
         [--replicates 100] [--output smoother-ranks]
 
 Poses, places beside the joints, errors that last and keypoints are drawn from ``poseppl_models.bodies.detected_points``, 20
@@ -13,7 +13,7 @@ et al. 2018, arXiv:1804.06788).
 Replicates are independent, ranks within one are not. Uniformity is judged by the ten bins' shares of each replicate: their
 mean's distance from 1/10 in Hotelling's T^2 with the covariance between replicates. ECE is the mean distance of coverage from
 its level, over 10 to 90 %. Deliberately wrong smoothers, of half of the noise or of errors that do not last, have to be found.
-With "mended" cameras, their poses are off by draws of the refinement's prior and are mended before, as the tracker does it.
+With "corrected" cameras, poses are off by draws of the refinement's prior and are corrected first, as the tracker does it.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ JUDGED = (0, FRAMES // 2, FRAMES - 1)
 LEVELS = np.arange(1, 10) / 10
 CASES: Mapping[str, Callable[[Any], Any]] = {
     "right": lambda inputs: inputs,
-    "mended": lambda inputs: inputs,
+    "corrected": lambda inputs: inputs,
     "independent": lambda inputs: with_errors(inputs, error_share=1e-6 * jnp.ones_like(inputs.errors.error_share)),
     "half": lambda inputs: inputs._replace(noise=inputs.noise / 2),
 }
-"""What the smoother is told, by name: the inputs of the truth, those with mended cameras, and wrong ones."""
+"""What the smoother is told, by name: the inputs of the truth, those with corrected cameras, and wrong ones."""
 COLUMNS = ("smoother", "cameras", "of", "replicates", *(f"bin_{k}" for k in range(BINS)))
 COLUMNS = (*COLUMNS, "statistic", "chance", "ece", "ece_error", "coverage_50", "coverage_90")
 
@@ -101,7 +101,7 @@ def walk_scene(folder: Path, cameras: int) -> Scene[PointData]:
     return Scene(subject.body, seers, names, PointData(points, noise), np.arange(FRAMES), RATE, "", states)
 
 
-def study(folder: Path, cameras: int, mended: bool) -> Study:
+def study(folder: Path, cameras: int, corrected: bool) -> Study:
     """The programs with inputs that the tracker makes of a walk."""
     scene = walk_scene(folder, cameras)
     pose = make_problem(scene)
@@ -109,8 +109,8 @@ def study(folder: Path, cameras: int, mended: bool) -> Study:
     inputs = frame_sequence(lasting.observations, lasting.inputs, None).stacked_inputs()
     inputs = inputs._replace(start_scale=jnp.broadcast_to(jnp.asarray(start_scales(scene.body), float), inputs.start.shape))
     tree = scene.body.tree
-    body = seen_by_detector(tree.coordinates, len(tree.marker_names), cameras, mended)
-    if mended:
+    body = seen_by_detector(tree.coordinates, len(tree.marker_names), cameras, corrected)
+    if corrected:
         root = np.diag(np.tile(np.repeat([PRIOR_ANGLE, PRIOR_POSITION], 3), cameras))
         inputs = with_errors(inputs, camera_root=jnp.broadcast_to(jnp.asarray(root, float), (FRAMES, *root.shape)))
     model = compile_once(body.program, jax.tree.map(lambda leaf: leaf[0], inputs))
@@ -223,7 +223,7 @@ def main() -> None:
     for cameras in map(int, options.cameras.split(",")):
         for case in options.cases.split(","):
             kept = output / f"{case}-{cameras}.npz"
-            found = study(folder, cameras, case == "mended")
+            found = study(folder, cameras, case == "corrected")
             values = {name: list(rows) for name, rows in np.load(kept).items()} if kept.exists() else {"pose": [], "joints": []}
             for seed in range(len(values["pose"]), 12 if options.quick else options.replicates):
                 for name, row in ranks(found, CASES[case], seed).items():

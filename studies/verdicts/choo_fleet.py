@@ -43,7 +43,7 @@ def contest(tables: Tables) -> str:
     for row in tables["contest_sequences"].records():
         parts[row["method"]][row["recording"]] = row
     rows = [[name, *_sequences(parts[method])] for method, name in _METHODS.items()]
-    columns = ("method", "walk: error, mm; 90 and 50 % intervals hold", "simulated", "frames a second: walk; simulated")
+    columns = ("method", "walk: error, mm; coverage of 90 and 50 % intervals", "simulated", "frames a second: walk; simulated")
     told = "\n".join(f"- {goal.what}: {goal.verdict} ({goal.ours})" for goal in goals(tables))
     return f"{told}\n\n{markdown(columns, rows)}\n\n{_dense(parts)}"
 

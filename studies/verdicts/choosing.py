@@ -12,7 +12,7 @@ Tables = Mapping[str, Table]
 _FAULTS = {"missed": "below", "accused": "above"}
 """Columns of runs that are judged wrongly, and of those that could be."""
 _COLUMNS = (
-    *("model", "filter", "seeds", "error, least is 1", "90 % intervals hold", "s", "red"),
+    *("model", "filter", "seeds", "error, least is 1", "coverage of 90 % intervals", "s", "red"),
     *("missed of those below 80 %", "accused of those above 87 %"),
 )
 

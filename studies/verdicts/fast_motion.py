@@ -102,7 +102,7 @@ def _goals(groups: Mapping[str, Mapping[str, Runs]], case: str, name: str) -> st
     return (
         f"- {name} halve the errors: {_verdict(len(sure), len(lost), len(halved))}; by 95 % intervals they do on "
         f"{_list(sure)} and do not on {_list(lost)}; by means on {_list(likely)}.\n"
-        f"- Their 90 % intervals hold {100 * LEAST:.0f} to {100 * MOST:.0f} %: "
+        f"- The coverage of their 90 % intervals is {100 * LEAST:.0f} to {100 * MOST:.0f} %: "
         f"{'holds' if all(inside.values()) else 'does not hold'}; on {_list([name for name in inside if inside[name]])}."
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 from poseppl_papers.tables import Table, markdown
 
 Tables = Mapping[str, Table]
-DEFAULT = "smoother, lasting errors"
+DEFAULT = "smoother, autocorrelated errors"
 """The method whose answer users get."""
 _GOALS = {
     "median": ((0.0, 14.0), (0.0, 22.0)),
@@ -23,8 +23,8 @@ _PAIRS = ("1-4", "2-4")
 _COLUMNS = {
     "median": ("median", ".1f"),
     "percentile_95": ("95th percentile", ".1f"),
-    "coverage_50": ("50 % intervals hold", ".1%"),
-    "coverage_90": ("90 % intervals hold", ".1%"),
+    "coverage_50": ("coverage of 50 % intervals", ".1%"),
+    "coverage_90": ("coverage of 90 % intervals", ".1%"),
     "ece": ("ECE", ".3f"),
 }
 
@@ -43,7 +43,8 @@ def keypoints(tables: Tables) -> str:
     table = markdown(("cameras", "method", *(title for title, _ in _COLUMNS.values())), cells)
     alone = [row["coverage_90"] for row in rows if "-" not in str(row["cameras"])]
     low, high = min(alone), max(alone)
-    told = f"One camera, 90 % intervals hold, 85.0% to 95.0%: {_holds(low >= 0.85 and high <= 0.95)} ({low:.1%} to {high:.1%})."
+    goal = _holds(low >= 0.85 and high <= 0.95)
+    told = f"One camera, coverage of 90 % intervals between 85 and 95 %: {goal} ({low:.1%} to {high:.1%})."
     head = "Goals of the last, the default, with two cameras:"
     return "\n".join([table, "", told, "", head, "", *(_verdict(name, default) for name in _GOALS)])
 

@@ -86,13 +86,13 @@ def _goals(case: str, walks: list[list[Row]], goals: Goals) -> str:
     half = [100 * _mean(runs, "coverage_50") for runs in walks]
     error, pace = ([_mean(runs, column) for runs in walks] for column in ("error", "frames_per_second"))
     told = [
-        f"90 % intervals hold {_told(coverage)} %, 85 to 95 asked for: {_verdict(LEAST <= mean(coverage) <= MOST)}",
+        f"coverage of 90 % intervals is {_told(coverage)} %, 85 to 95 asked for: {_verdict(LEAST <= mean(coverage) <= MOST)}",
         f"error {_told(error)} mm, below {goals.error:.0f}: {_verdict(mean(error) < goals.error)}",
         f"{mean(pace):.0f} frames a second"
         + ("" if goals.pace is None else f", {goals.pace:.0f}: {_verdict(mean(pace) >= goals.pace)}"),
     ]
     name = CASES[case].capitalize()
-    return f"{name}, mean of {len(walks)} walks: {'; '.join(told)}. 50 % intervals hold {_told(half)} %."
+    return f"{name}, mean of {len(walks)} walks: {'; '.join(told)}. The coverage of 50 % intervals is {_told(half)} %."
 
 
 def _verdict(holds: bool) -> str:

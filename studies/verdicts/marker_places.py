@@ -56,6 +56,6 @@ def _told(walk: str, count: int, groups: Mapping[tuple[str, float, int, int], Ru
     share, wins, loses = 100 * (1 - means[1] / means[0]), len(sure[0]), listed(sure[1])
     return (
         f"- {count} cameras, {walk} walk: learned places take {share:.0f} % of the mean error away; by 95 % intervals they win "
-        f"on {wins} of {len(less)} recordings and lose on {loses}. 90 % intervals hold 85 to 95 % on {hold[1]} with them, "
-        f"on {hold[0]} without."
+        f"on {wins} of {len(less)} recordings and lose on {loses}. The coverage of 90 % intervals is 85 to 95 % on {hold[1]} "
+        f"with them, on {hold[0]} without."
     )

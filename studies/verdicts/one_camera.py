@@ -15,7 +15,7 @@ LEAST, MOST = 85.0, 95.0
 """Percent that 90 % intervals are to hold."""
 USUAL, BEFORE = ("beside", "mean-reverting", "assumed-density"), ("body", "fixed", "laplace")
 """Noise, walk and method as ``poseppl track --keypoints`` has them of one camera, and as without them."""
-_COLUMNS = ("noise", "walk", "method", "error, mm", "farther away than the truth, mm", "50 % intervals hold, %", "90 %")
+_COLUMNS = ("noise", "walk", "method", "error, mm", "farther away than the truth, mm", "coverage of 50 % intervals, %", "90 %")
 _NUMBERS = (("error", 1.0), ("farther", 1.0), ("coverage_50", 100.0), ("coverage_90", 100.0))
 
 
@@ -29,7 +29,8 @@ def one_camera(tables: Tables) -> str:
         [*names, *("{:.0f} ± {:.0f}".format(*interval(rows, *column)) for column in _NUMBERS)] for names, rows in means.items()
     ]
     goals = [
-        f"- 90 % intervals hold {LEAST:.0f} to {MOST:.0f} %, {method}: {_verdict(*interval(rows, 'coverage_90', 100.0))}."
+        f"- coverage of 90 % intervals is {LEAST:.0f} to {MOST:.0f} %, {method}: "
+        f"{_verdict(*interval(rows, 'coverage_90', 100.0))}."
         for (noise, walk, method), rows in means.items()
         if (noise, walk) == USUAL[:2]
     ]

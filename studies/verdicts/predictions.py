@@ -40,7 +40,7 @@ def lost(tables: Tables) -> str:
 
 def _table(rows: list[dict[str, Any]]) -> str:
     columns = (
-        *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),
+        *("model", "filter", "runs", "coverage of 90 % intervals, %", "variance of errors over the claimed one"),
         *("errors found", "missed of those below 80 %", "accused of those above 87 %"),
     )
     return markdown(columns, [[*key, *_summed(group)] for key, group in grouped(rows, _kind).items()])

@@ -23,7 +23,7 @@ CHANCE = 0.01
 PLACES, SHOWN = "places", "no clutter"
 BINS = tuple(f"bin_{k}" for k in range(10))
 SHARES = ("coverage_50", "coverage_90")
-RIGHT = ("right", "mended")
+RIGHT = ("right", "corrected")
 
 
 def recorded(tables: Tables) -> str:
@@ -51,7 +51,7 @@ def recorded(tables: Tables) -> str:
         if row["case"] == SHOWN and row["what"] in told and row["median"] > WRONG
     ]
     said.append(f"- More than {WRONG:g} degrees off in the median, {SHOWN}: {', '.join(wrong) or 'none'}.")
-    last = f"Not told to within {TOLD:g} degrees, and left out of the angles above: {', '.join(untold)}."
+    last = f"Not known to within {TOLD:g} degrees, and left out of the angles above: {', '.join(untold)}."
     return "\n\n".join([markdown(columns, cells), "\n".join(said), _angle_table(records), last])
 
 
@@ -125,7 +125,7 @@ def clocks(tables: Tables) -> str:
         "largest",
         "told deviation",
         "in 90 % intervals",
-        "mended",
+        "corrected",
         "cameras lost",
     )
     cells, right = [], []
@@ -139,7 +139,7 @@ def clocks(tables: Tables) -> str:
         cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", told, *numbers])
         right.append(not any(row["mended"] or row["lost"] for row in own))
     word = "holds" if all(right) else "does not hold"
-    return f"{markdown(columns, cells)}\n\nThat no clock is mended and no camera lost where all clocks are right {word}."
+    return f"{markdown(columns, cells)}\n\nThat no clock is corrected and no camera lost where all clocks are right {word}."
 
 
 def ranks(tables: Tables) -> str:

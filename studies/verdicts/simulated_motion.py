@@ -23,7 +23,7 @@ def simulated_motion(tables: Tables) -> str:
     rows: dict[str, dict[int, Mapping[str, Any]]] = {}
     for row in tables["simulated_motion"].records():
         rows.setdefault(row["setting"], {})[row["sequence"]] = row
-    header = ("", "sequences", "error, mm", f"above {_LOST:.0f} mm", "90 % intervals hold", "50 %", "frames a second")
+    header = ("", "sequences", "error, mm", f"above {_LOST:.0f} mm", "coverage of 90 % intervals", "50 %", "frames a second")
     told = [_difference(rows, name) for name in rows if name != _DEFAULT]
     table = markdown(header, [_row(name, own) for name, own in rows.items()])
     told += _goals(rows[_DEFAULT]) + [_bound(name, rows[name]) for name in _NEAREST if name in rows]
@@ -35,7 +35,7 @@ def coordinates(tables: Tables) -> str:
     rows: dict[tuple[str, str], dict[int, Mapping[str, Any]]] = {}
     for row in tables["simulated_coordinates"].records():
         rows.setdefault((row["method"], row["part"]), {})[row["sequence"]] = row
-    header = ("", "part", "sequences", "90 % intervals hold", "deviation, rad", "error, rad")
+    header = ("", "part", "sequences", "coverage of 90 % intervals", "deviation, rad", "error, rad")
     others = [method for method in dict.fromkeys(method for method, _ in rows) if method != _DEFAULT]
     told = [_beside(rows, method) for method in others]
     return markdown(header, [_angles(*key, own) for key, own in rows.items()]) + "\n\n" + "\n".join(told)
@@ -104,7 +104,7 @@ def _bound(name: str, rows: Mapping[int, Mapping[str, Any]]) -> str:
     error, inside = mean_interval(_values(rows, "error")), mean_interval(100 * _values(rows, "in_90"))
     return (
         f"- The goal of {_ERROR:.0f} mm with the posterior itself, as nearly as {name} has it: {error.below(_ERROR)} "
-        f"({error.told('.1f')}, and its 90 % intervals hold {inside.told('.1f')} %)."
+        f"({error.told('.1f')}, and the coverage of its 90 % intervals is {inside.told('.1f')} %)."
     )
 
 

@@ -15,7 +15,7 @@ REPLICATES = 24
 
 @pytest.fixture(scope="module")
 def study(data_dir: Path) -> benchmark.Study:
-    return benchmark.study(data_dir, cameras=2, mended=False)
+    return benchmark.study(data_dir, cameras=2, corrected=False)
 
 
 def judged(study: benchmark.Study, case: str) -> Calibration:
