@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.runs.results import Names, Truth, build_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 
 NUM_FRAMES = 6
 SHARES = {"coverage": (0.41, 0.62, 0.83), "coverage_markers": (0.31, 0.52, 0.73)}
@@ -18,12 +18,15 @@ def distinct_result() -> xr.DataTree:
     state = rng.normal(size=(2, 8, NUM_FRAMES, 3))
     markers = rng.normal(0.0, 100.0, (2, 8, NUM_FRAMES, 3, 3))
     frames = np.arange(NUM_FRAMES)
-    tree = build_result(
+    tree = body_result(
         state=state,
-        names=Names(("root.tx", "root.Z", "knee.X"), ("knee", "ankle", "pelvis"), ("front", "side")),
+        names=BodyNames(("root.tx", "root.Z", "knee.X"), ("knee", "ankle", "pelvis"), ("front", "side")),
         extras={"markers": markers},
         sample_stats={"failed": frames < 2, "acceptance_rate": np.full(NUM_FRAMES, 0.64)},
-        truth=Truth(state.mean((0, 1)), markers.mean((0, 1)) + [[3.0, 4.0, 0.0], [0.0, 0.0, 12.0], [0.0, 7.0, 0.0]]),
+        truth={
+            "state": state.mean((0, 1)),
+            "markers": markers.mean((0, 1)) + [[3.0, 4.0, 0.0], [0.0, 0.0, 12.0], [0.0, 7.0, 0.0]],
+        },
         cameras={"centre": np.zeros((2, 3)), "focal": np.array([[1.0, -1.0], [1500.0, 1400.0]])},
         root="pelvis",
         rate=25.0,

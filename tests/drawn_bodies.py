@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from poseppl_models.bodies.choo_fleet import arm, full_body
 
-from poseppl.runs.results import Names, build_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 
 BUILDERS = {"full_body": full_body, "arm": arm}
 
@@ -35,9 +35,9 @@ def drawn_result(
     states = np.tile(poses, (num_draws, 1, 1))
     states[..., free] += (scale * rng.normal(size=states.shape))[..., free]
     markers = np.stack([body.places(each) for each in states])
-    return build_result(
+    return body_result(
         state=states[None][..., free],
-        names=Names([body.tree.coordinate_names[i] for i in free], body.tree.marker_names),
+        names=BodyNames([body.tree.coordinate_names[i] for i in free], body.tree.marker_names),
         extras={"markers": markers[None]},
         inputs=None if body.free is None else {"states": poses},
         frames=frames,

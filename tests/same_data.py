@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from synthetic import autoregression
 
-from poseppl.runs.results import Names, Truth, build_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 
 DOFS = ("root.tx", "root.Z", "knee<b>.X")
 MARKERS = ("pelvis", "knee", "ankle")
@@ -50,13 +50,13 @@ def run_on(
         "num_gradient": np.full(frames, evaluations[1]),
         "failed": np.zeros(frames, bool),
     }
-    return build_result(
+    return body_result(
         state=state,
-        names=Names(DOFS, MARKERS, ("front",)),
+        names=BodyNames(DOFS, MARKERS, ("front",)),
         extras={"markers": 100.0 * state[..., None] + np.arange(3)},
         sample_stats=stats,
-        observed=data["points"],
-        truth=Truth(data["state"], data["markers"]) if with_truth else None,
+        observed={"points": data["points"]},
+        truth={"state": data["state"], "markers": data["markers"]} if with_truth else None,
         num_particles=None if weighted is None else 1000,
         attrs={
             "model": "body",

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
-from poseppl.runs.results import Names, Truth, build_result
 
 MARKERS = (
     ("pelvis", (0, 0, 950), None),
@@ -102,13 +102,13 @@ def synthetic_result(
     }
     if weighted:
         stats["unique_ancestors"] = np.full(num_frames, 700)
-    return build_result(
+    return body_result(
         state=(centre + scale * noise).astype(np.float32),
-        names=Names(DOFS, NAMES, ("front",)),
+        names=BodyNames(DOFS, NAMES, ("front",)),
         extras={"markers": body.astype(np.float32), "points": project(body).astype(np.float32)},
         sample_stats=stats | (sample_stats or {}),
-        observed=observed,
-        truth=Truth(centre + scale * true_noise, true_body) if with_truth else None,
+        observed={"points": observed},
+        truth={"state": centre + scale * true_noise, "markers": true_body} if with_truth else None,
         cameras={"centre": np.array([[0.0, -5000.0, 1000.0]]), "focal": np.array([[1.0, -1.0]]), "distortion": None},
         edges=EDGES,
         root="pelvis",

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Integers
 from poseppl.program import CompiledModel
+from poseppl.runs.labels import Names
 
 FLAT = "unconstrained_posterior"
 """The group of the draws of the flat state, ``state`` (chain, draw, frame, dof), as ArviZ calls it."""
 
 HISTORY = "filter_history"
 """The group of what smoothers start from, see :mod:`poseppl.runs.filter_history`."""
-
-_HOMES = {"dof": FLAT, "camera": "camera"}
-"""Groups that name a dimension first; ``posterior`` names the others."""
 
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
@@ -54,9 +52,21 @@ def draws_of(tree: xr.DataTree, name: str) -> NDArray[Any] | None:
 
 
 def names_of(tree: xr.DataTree, dim: str, group: str | None = None) -> list[str]:
-    """Names along a dimension (``dof``, ``marker``, ``camera``), of a group, else of its own or the posterior; none without."""
-    groups = (group_of(tree, name) for name in ([group] if group else [_HOMES.get(dim, "posterior"), "posterior"]))
+    """Names along a dimension such as ``dof``, of one group or of the first that has them; none without."""
+    groups = (group_of(tree, name) for name in ([group] if group else tree.children))
     return next(([str(name) for name in data[dim].values] for data in groups if dim in data.coords), [])
+
+
+def names_of_result(tree: xr.DataTree) -> Names:
+    """The names that a result was built with, as far as it has variables of them."""
+    drawn, seen, summary = (group_of(tree, name) for name in ("posterior", "observed_data", "summary"))
+    leading = ("chain", "draw", "frame")
+    variables = [*seen.items(), *drawn.items()]
+    dims = {str(name): tuple(str(dim) for dim in each.dims if dim not in leading) for name, each in variables}
+    finite = [str(name).removesuffix("_probability") for name in summary if str(name).endswith("_probability")]
+    values = {name: summary[f"{name}_value"].values.tolist() for name in finite if f"{name}_value" in summary.coords}
+    along = {dim: names_of(tree, dim) for own in dims.values() for dim in own if dim != "dof"}
+    return Names(names_of(tree, "dof"), values, along, dims)
 
 
 def frame_numbers(tree: xr.DataTree) -> Integers:

@@ -32,9 +32,9 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import check_exact
 from poseppl.program.population import propagate
-from poseppl.runs.contents import HISTORY, check_coordinates, flat_draws, frame_numbers, group_of, names_of
+from poseppl.runs.contents import HISTORY, check_coordinates, flat_draws, frame_numbers, group_of, names_of_result
 from poseppl.runs.frame_sequence import stacked_inputs
-from poseppl.runs.labels import Names, coordinates, labelled
+from poseppl.runs.labels import coordinates, labelled
 from poseppl.runs.results import encoded, provenance
 
 _START = 2**31 - 1
@@ -88,12 +88,13 @@ def forecast(
     check_exact(model.sites, largest)
     step = int(numbers[last] - numbers[last - 1]) if last else 1
     frames = numbers[last] + step * np.arange(1, horizon + 1)
-    names = Names((), names_of(result, "marker"), names_of(result, "camera"))
+    names = names_of_result(result)
     known = coordinates(names, (*draws.shape[:2], horizon), frames)
     groups = {"forecast": _by_chain(sites, draws.shape[0])}
     if data:
         groups["predictions"] = _by_chain(data, draws.shape[0])
-    tree = xr.DataTree.from_dict({name: labelled(group, ("chain", "draw", "frame"), known) for name, group in groups.items()})
+    leading = ("chain", "draw", "frame")
+    tree = xr.DataTree.from_dict({name: labelled(group, leading, known, names.dims) for name, group in groups.items()})
     tree.attrs = dict(result.attrs) | encoded({"forecast from frame": int(numbers[last]), **(attrs or {})})
     return tree
 

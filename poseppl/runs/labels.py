@@ -1,7 +1,7 @@
 """Names of the dimensions of a result's arrays, and their coordinates.
 
-A variable of a known name (``state``, ``markers``, ``points``) has dimensions of its own; those of any other are called
-``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
+Axes of a variable that :class:`Names` describes have the dimensions given there, ``state`` has ``dof``; those of any other are
+called ``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
 
 >>> known = coordinates(Names(("level",)), (1, 2, 3))
 >>> labelled({"state": np.zeros((1, 2, 3, 1)), "rate": np.ones((1, 2, 3, 4))}, ("chain", "draw", "frame"), known)["rate"].dims
@@ -21,73 +21,61 @@ from numpy.typing import ArrayLike, NDArray
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 """The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
 
-_AXES = ("x", "y", "z")
-_DIMS = {
-    "state": ("dof",),
-    "markers": ("marker", "axis"),
-    "points": ("camera", "marker", "xy"),
-    "confidence": ("camera", "marker"),
-    "clutter": ("camera", "marker"),
-    "overlap": ("camera",),
-    "wrong_person": ("camera",),
-    "swaps": ("camera", "limbs"),
-    "silhouette_area": ("camera",),
-    "silhouette_centre": ("camera", "xy"),
-}
+Dims = Mapping[str, tuple[str, ...]]
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Names(NamedTuple):
-    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty.
+    """Names of a result's coordinates and dimensions.
 
     Attributes:
         dof: Names of the flat state's coordinates.
-        marker: Names of markers.
-        camera: Names of cameras.
         values: The values that a site of finitely many takes, by the site's name.
+        along: Names along further dimensions; a dimension without names has no coordinate.
+        dims: The last dimensions of variables, by the variable's name.
     """
 
     dof: Sequence[str]
-    marker: Sequence[str] = ()
-    camera: Sequence[str] = ()
-    values: Mapping[str, Sequence[int]] = MappingProxyType({})
+    values: Mapping[str, Sequence[int]] = _NONE
+    along: Mapping[str, Sequence[str]] = _NONE
+    dims: Dims = _NONE
 
 
 def coordinates(
     names: Names, shape: tuple[int, ...], frames: ArrayLike | None = None, quantiles: Sequence[float] = QUANTILES
 ) -> dict[str, NDArray[Any]]:
     """Coordinates by dimension, of draws that begin with (chain, draw, frame)."""
-    markers_and_cameras = {"marker": names.marker, "camera": names.camera}
     return {
         "chain": np.arange(shape[0]),
         "draw": np.arange(shape[1]),
         "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
         "dof": np.array(names.dof, dtype=str),
-        **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
+        **{name: np.array(given, dtype=str) for name, given in names.along.items() if len(given)},
         **{f"{name}_value": np.array(given) for name, given in names.values.items()},
-        "axis": np.array(_AXES),
-        "xy": np.array(_AXES[:2]),
         "quantile": np.array(quantiles, float),
     }
 
 
-def dims_of(name: str, number: int) -> tuple[str, ...]:
+def _dims_of(name: str, number: int, dims: Dims) -> tuple[str, ...]:
     """Names of the last dimensions of a variable."""
-    dims = _DIMS.get(name, ())
-    return dims if len(dims) == number else tuple(f"{name}_dim_{i}" for i in range(number))
+    own = dims.get(name, ("dof",) if name == "state" else ())
+    return own if len(own) == number else tuple(f"{name}_dim_{i}" for i in range(number))
 
 
-def labelled(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+def labelled(
+    variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]], dims: Dims = _NONE
+) -> xr.Dataset:
     """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
     for name, given in variables.items():
         values = np.asarray(given)
         rest = values.ndim - len(leading)
-        data[name] = (leading + dims_of(name, rest), values)
+        data[name] = (leading + _dims_of(name, rest, dims), values)
     return checked(data, known)
 
 
 def labelled_summary(
-    statistics: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]
+    statistics: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]], dims: Dims = _NONE
 ) -> xr.Dataset:
     """Name the axes of summaries: ``NAME_mean``, ``NAME_quantile`` (quantile, ...), ``NAME_probability`` (..., value)."""
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
@@ -96,7 +84,7 @@ def labelled_summary(
         middle = ("quantile",) if statistic == "quantile" else ()
         array = np.asarray(values)
         last = (f"{site}_value",) if statistic == "probability" else ()
-        own = dims_of(site, array.ndim - len(leading) - len(middle) - len(last))
+        own = _dims_of(site, array.ndim - len(leading) - len(middle) - len(last), dims)
         data[name] = ((*leading, *middle, *own, *last), array)
     return checked(data, known)
 

@@ -12,16 +12,17 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.contents import HISTORY, arrays_of, flat_draws, frame_numbers, group_of, names_of
+from poseppl.runs.contents import HISTORY, arrays_of, flat_draws, frame_numbers, group_of, names_of_result
 from poseppl.runs.filter_history import history_variables
 from poseppl.runs.model_fingerprint import fingerprint_of
-from poseppl.runs.results import Names, Truth, build_result, provenance
+from poseppl.runs.results import Names, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
 from poseppl.smoothers.base import History
 
-_KEPT = ("observed_data", "faults", "truth", "camera", "body", "inputs", "predictive")
-"""Groups of a filter's result that its smoothing has, too."""
+_KEPT = ("observed_data", "faults", "truth", "inputs", "predictive")
+"""Groups of a filter's result that its smoothing has, too, as it has others without frames but for `_CHECKS`."""
+_CHECKS = ("hindcasts", "posterior_checks")
 _GAUSSIAN_DRAWS = 500
 """Draws that stand for a frame's Gaussian where a smoother wants particles."""
 
@@ -85,7 +86,7 @@ def result_of_run(
         **{**parts, "attrs": attributes},
         names=Names(model.coordinate_names, values=model.finite_values),
         observed=None if observations is None else _with_nan(observations),
-        truth=None if truth is None else Truth(state=truth),
+        truth={"state": truth},
         **times,
     )
 
@@ -99,7 +100,7 @@ def angles_of(model: CompiledModel) -> dict[str, list[str]]:
 def smoothed_result(
     run: SmoothingRun, filtered: xr.DataTree, attrs: Mapping[str, Any], observations: Observation | None = None
 ) -> xr.DataTree:
-    """Assemble the result of a smoothing from that of its filter, whose data, truth, cameras and provenance it has, too.
+    """Assemble the result of a smoothing from that of its filter, whose data, truth and provenance it has, too.
 
     Args:
         run: The smoothing.
@@ -115,10 +116,13 @@ def smoothed_result(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
     ).drop_vars("quantile", errors="ignore")
-    kept = [name for name in _KEPT if name in filtered.children and (observations is None or name != "observed_data")]
+    still = [name for name, group in filtered.children.items() if "frame" not in group.sizes and name not in _CHECKS]
+    kept = {name for name in (*_KEPT, *still) if name in filtered.children} - set(
+        [] if observations is None else ["observed_data"]
+    )
     return build_result(
         **parts,
-        names=_names(filtered),
+        names=names_of_result(filtered),
         observed=None if observations is None else _with_nan(observations),
         others={**{name: group_of(filtered, name) for name in kept}, "filtered": before},
         frames=frame_numbers(filtered),
@@ -195,14 +199,6 @@ def _parts(
         "num_particles": num_particles,
         "attrs": {**run.method, **times, **attrs},
     }
-
-
-def _names(tree: xr.DataTree) -> Names:
-    """The names that a result was built with."""
-    summary = group_of(tree, "summary")
-    finite = [str(name).removesuffix("_probability") for name in summary if str(name).endswith("_probability")]
-    values = {name: summary[f"{name}_value"].values.tolist() for name in finite if f"{name}_value" in summary.coords}
-    return Names(names_of(tree, "dof"), names_of(tree, "marker"), names_of(tree, "camera"), values)
 
 
 def _by_chain(values: NDArray[Any]) -> NDArray[Any]:

@@ -4,28 +4,19 @@
 group                        variables
 ===========================  =================================================================================================
 ``posterior``                the state's sites by name, as the programs know them, (chain, draw, frame, ...), and the model's
-                             extras, such as ``markers`` (chain, draw, frame, marker, axis) in mm and the projections
-                             ``points`` (chain, draw, frame, camera, marker, xy)
+                             extras, its deterministic sites
 ``unconstrained_posterior``  ``state`` (chain, draw, frame, dof), the flat vectors that algorithms see: logarithms of what is
                              positive, stick-breaking coordinates of what adds up to one
 ``sample_stats``             one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
-``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of
-                             ``markers``, made over all draws or particles, where ``posterior`` may hold a thinning of them;
+``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), made over all draws or
+                             particles, where ``posterior`` may hold a thinning of them;
                              where the algorithm knows the moments of the flat state they are these, without error of draws;
                              of a site ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
                              ``NAME_probability`` (frame, ..., NAME_value)
-``observed_data``            ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
-``faults``                   probabilities, given all data, that data are wrong: ``clutter`` (frame, camera, marker), that a
-                             point is anything else; ``swaps`` (frame, camera, limbs), that left and right limbs are
-                             exchanged; ``wrong_person`` (frame, camera), that what was taken for the person is somebody else
-``truth``                    where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
-``camera``                   the calibration, one row a camera
-``body``                     ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
-``flesh``                    of bodies with flesh: where its parts are at the mean states, see
-                             :func:`poseppl.motion.tracking.flesh_places.with_flesh`
-``inputs``                   what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof),
-                             the standard deviations of the random walk's step to each frame, mm and radians;
-                             ``marker_offsets`` (marker, axis), the markers' places in the frames of their joints, mm
+``observed_data``            the data by name, (frame, ...); NaN where missing
+``faults``                   probabilities, given all data, that data are wrong, (frame, ...)
+``truth``                    where there is one: ``state`` (frame, dof), and what else is known, (frame, ...)
+``inputs``                   what else the model was given, so that a smoother finds it again
 ``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:
                              ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
                              ``chi_square`` and ``chi_square_transform`` (frame,); of a smoothed result those of its filter
@@ -37,6 +28,7 @@ group                        variables
 ``hindcasts``                added by :func:`poseppl.diagnostics.add_hindcasts`
 ``posterior_checks``         added by :func:`poseppl.runs.posterior_checks.check_posterior`
 ``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
+others                       what a package adds to its results, such as :mod:`poseppl.motion.tracking.body_result`
 ===========================  =================================================================================================
 
 Weighted particles have no chains: their ``posterior`` is one chain of draws resampled by weight, and the root attribute
@@ -52,7 +44,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -63,12 +55,11 @@ from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import FLAT, HISTORY, group_of
 from poseppl.runs.filter_history import HISTORY_AXES
-from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, labelled, labelled_summary
+from poseppl.runs.labels import QUANTILES as QUANTILES, Dims, Names as Names, checked, coordinates, labelled, labelled_summary
 
 VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
-_INPUT_AXES = {"step_scale": ("frame", "dof"), "marker_offsets": ("marker", "axis")}
 _CHECK_AXES = {
     **dict.fromkeys(("predicted_mean", "predicted_variance", "predicted_error", "autoregression"), ("frame", "dof")),
     **dict.fromkeys(("explained", "weighted_mean"), ("frame", "dof")),
@@ -81,13 +72,6 @@ _CHECK_AXES = {
 _LEADING = ("chain", "draw", "frame")
 
 
-class Truth(NamedTuple):
-    """Known truth: ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm, each None if unknown."""
-
-    state: ArrayLike | None = None
-    markers: ArrayLike | None = None
-
-
 def build_result(
     *,
     state: ArrayLike,
@@ -97,12 +81,9 @@ def build_result(
     sample_stats: Mapping[str, ArrayLike] | None = None,
     summary: Mapping[str, ArrayLike] | None = None,
     quantiles: Sequence[float] = QUANTILES,
-    observed: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    observed: Mapping[str, ArrayLike] | None = None,
     faults: Mapping[str, ArrayLike] | None = None,
-    truth: Truth | None = None,
-    cameras: Mapping[str, ArrayLike | None] | None = None,
-    edges: ArrayLike | None = None,
-    root: str | None = None,
+    truth: Mapping[str, ArrayLike | None] | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
     predictive: Mapping[str, ArrayLike] | None = None,
     history: Mapping[str, ArrayLike] | None = None,
@@ -121,14 +102,11 @@ def build_result(
         extras: Draws of the model's deterministic sites, (chain, draw, frame, ...).
         sample_stats: (frame,) each.
         summary: ``state_mean`` (frame, dof), ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the like for extras.
-            Whatever is absent for ``state`` and ``markers`` is computed from the draws.
+            Those of ``state`` are computed from the draws if absent.
         quantiles: Levels of the quantiles, ascending.
-        observed: (frame, camera, marker, xy) image points, NaN where missing; or any data by name, (frame, ...) each.
+        observed: The data by name, (frame, ...) each, NaN where missing.
         faults: Probabilities that data are wrong, (frame, ...) each.
-        truth: The truth, where known.
-        cameras: Arrays with a leading axis of cameras, e.g. ``rotation``, ``centre`` (mm), ``focal``, ``principal``.
-        edges: (edge, 2) indices into the markers.
-        root: The marker that relative errors are measured from.
+        truth: The truth by name, (frame, ...) each: ``state``, and whatever else is known; None where it is not.
         inputs: What else the model was given, by name, so that a smoother finds it again.
         predictive: Predictive checks, (frame, entry), (frame, dof) or (frame,) each.
         history: What the filter leaves for smoothers, by name.
@@ -149,21 +127,20 @@ def build_result(
         raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
     known = coordinates(names, draws.shape, frames, quantiles)
     posterior = {**(extras or {}), **({"state": draws} if sites is None else sites)}
+    dims, flat = names.dims, {"state": draws}
     groups = {
-        "posterior": labelled(posterior, _LEADING, known),
-        FLAT: labelled({"state": draws}, _LEADING, known),
-        "sample_stats": labelled(sample_stats or {}, ("frame",), known),
-        "summary": _summary({**posterior, "state": draws}, summary or {}, known),
+        "posterior": labelled(posterior, _LEADING, known, dims),
+        FLAT: labelled(flat, _LEADING, known),
+        "sample_stats": labelled(sample_stats or {}, ("frame",), known, dims),
+        "summary": _summary(draws, summary or {}, known, dims),
     }
-    if observed is not None:
-        data = observed if isinstance(observed, Mapping) else {"points": observed}
-        groups["observed_data"] = labelled(data, ("frame",), known)
-    groups |= _where_given(known, "frame", faults=faults or {}, truth=(truth or Truth())._asdict())
-    groups |= _where_given(known, "camera", camera=cameras or {})
-    if edges is not None:
-        skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
-        groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
-    groups |= _of_algorithms(known, inputs, predictive, history or {})
+    for group, given in {"observed_data": observed, "faults": faults, "truth": truth}.items():
+        present = {name: values for name, values in (given or {}).items() if values is not None}
+        if present:
+            groups[group] = labelled(present, ("frame",), known, dims)
+    if inputs is not None:
+        groups["inputs"] = labelled(inputs, (), known, dims)
+    groups |= _of_algorithms(known, predictive, history or {})
     tree = xr.DataTree.from_dict(groups | dict(others or {}))
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
@@ -171,28 +148,17 @@ def build_result(
 
 def _of_algorithms(
     known: Mapping[str, NDArray[Any]],
-    inputs: Mapping[str, ArrayLike] | None,
     predictive: Mapping[str, ArrayLike] | None,
     history: Mapping[str, ArrayLike],
 ) -> dict[str, xr.Dataset]:
-    """What the algorithm was given, and what it leaves for checks and smoothers, without groups of nothing."""
+    """What the algorithm leaves for checks and smoothers, without groups of nothing."""
     groups = {}
-    if inputs is not None:
-        groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
         groups["predictive"] = _predictive(predictive, known)
     if history:
         parts = {name: (HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
         groups[HISTORY] = checked(parts, known)
     return groups
-
-
-def _where_given(
-    known: Mapping[str, NDArray[Any]], leading: str, **groups: Mapping[str, ArrayLike | None]
-) -> dict[str, xr.Dataset]:
-    """Groups of variables, without those that are None, and without groups of none."""
-    present = {group: {name: x for name, x in given.items() if x is not None} for group, given in groups.items()}
-    return {group: labelled(parts, (leading,), known) for group, parts in present.items() if parts}
 
 
 def save_result(tree: xr.DataTree, path: FilePath) -> None:
@@ -292,31 +258,31 @@ def _printable(value: Any) -> Any:
     return value
 
 
-def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
-    arrays = {name: np.asarray(values) for name, values in inputs.items()}
-    named = {name: (axes, arrays.pop(name)) for name, axes in _INPUT_AXES.items() if name in arrays}
-    rest = {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
-    return checked(named, known).assign(rest)
-
-
 def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     checks = {name: np.asarray(values) for name, values in predictive.items()}
     axes = {name: _CHECK_AXES.get(name, ("frame", "entry"))[: values.ndim] for name, values in checks.items()}
     return checked({name: (axes[name], values) for name, values in checks.items()}, known)
 
 
-def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
-    computed: dict[str, NDArray[Any]] = {}
-    for name in ("state", "markers"):
-        if name in drawn and f"{name}_mean" not in given:
-            computed |= _moments(name, np.asarray(drawn[name]), known["quantile"])
-    return labelled_summary(computed | dict(given), ("frame",), known)
+def _summary(draws: NDArray[Any], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]], dims: Dims) -> xr.Dataset:
+    computed = {} if "state_mean" in given else draw_moments("state", draws, known["quantile"])
+    return labelled_summary(computed | dict(given), ("frame",), known, dims)
 
 
-def _moments(name: str, draws: NDArray[Any], levels: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    dtype = draws.dtype
+def draw_moments(name: str, values: ArrayLike, levels: ArrayLike = QUANTILES) -> dict[str, NDArray[Any]]:
+    """Summarise draws.
+
+    Args:
+        name: Of the variable.
+        values: (chain, draw, frame, ...).
+        levels: Of the quantiles.
+
+    Returns:
+        ``NAME_mean``, ``NAME_sd`` (frame, ...) and ``NAME_quantile`` (frame, quantile, ...).
+    """
+    draws = np.asarray(values)
     pooled = draws.reshape(-1, *draws.shape[2:])
     quantile = np.moveaxis(np.quantile(pooled, levels, axis=0), 0, 1)
     spread = pooled.std(axis=0, ddof=1) if len(pooled) > 1 else np.full(pooled.shape[1:], np.nan)
     parts = {"mean": pooled.mean(axis=0, dtype=np.float64), "sd": spread, "quantile": quantile}
-    return {f"{name}_{part}": values.astype(dtype) for part, values in parts.items()}
+    return {f"{name}_{part}": values.astype(draws.dtype) for part, values in parts.items()}

@@ -9,7 +9,8 @@ import pytest
 
 from poseppl.cli import main
 from poseppl.motion.io import open_video, write_video
-from poseppl.runs.results import Names, build_result, save_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
+from poseppl.runs.results import save_result
 
 GRAY, SIZE = 90, (64, 48)
 PLACES = np.array([[[10.0, 12.0], [40.0, 12.0]], [[10.0, 30.0], [40.0, 30.0]]])
@@ -20,9 +21,9 @@ PLACES = np.array([[[10.0, 12.0], [40.0, 12.0]], [[10.0, 30.0], [40.0, 30.0]]])
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     draws = np.broadcast_to(PLACES[None, None, :, None], (1, 5, 2, 1, 2, 2))
-    tree = build_result(
+    tree = body_result(
         state=np.zeros((1, 5, 2, 1)),
-        names=Names(["x"], ["a", "b"], ["cam"]),
+        names=BodyNames(["x"], ["a", "b"], ["cam"]),
         extras={"points": draws},
         edges=np.array([[0, 1]]),
         frames=np.array([1, 3]),

@@ -8,7 +8,7 @@ import xarray as xr
 
 from poseppl.diagnostics.doubts import WHOLE, doubts_in_a_row, doubts_of
 from poseppl.diagnostics.image_errors import image_errors
-from poseppl.runs.results import Names, build_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 
 CAMERAS, MARKERS = ("left", "right"), ("hip", "knee", "toe")
 
@@ -26,14 +26,13 @@ def result(
     corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
     own, shared = np.kron(corners, np.ones((4, 1))) / 3**0.5, np.kron(np.ones((4, 1)), -corners) / 3**0.5
     markers = wide[None, :, :-1, None] * own[:, None, None] + wide[None, :, -1:, None] * shared[:, None, None]
-    return build_result(
+    return body_result(
         state=np.zeros((1, 16, frames, 1)),
-        names=Names(("x",), names, CAMERAS),
+        names=BodyNames(("x",), names, CAMERAS),
         extras={"markers": markers[None], "points": np.broadcast_to([100.0, 200.0], (1, 16, frames, 2, number, 2))},
-        observed=seen,
+        observed={"points": seen},
         inputs={"noise": np.full((2, number), noise)},
         frames=np.arange(10, 10 + frames),
-        edges=np.zeros((0, 2)),
         root=root or None,
     )
 
@@ -144,5 +143,5 @@ def test_errors_by_camera() -> None:
 
 @pytest.mark.full
 def test_results_without_points_have_none() -> None:
-    bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
+    bare = body_result(state=np.zeros((1, 5, 3, 1)), names=BodyNames(("level",)))
     assert image_errors(bare) is None and doubts_of(bare) is None

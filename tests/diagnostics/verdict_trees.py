@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts import verdicts
-from poseppl.runs.results import Names, build_result
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 
 DOFS = ("root.tx", "root.ty", "hip.X", "knee.X", "neck.Z")
 MARKERS = ("head", "knee", "ankle", "wrist")
@@ -36,12 +36,12 @@ def points_tree(
     mean = rng.uniform(100.0, 900.0, shape)
     numbers = unit(rng, shape, (0, 3)) * np.broadcast_to(scale, shape[1:3])[..., None]
     observed = mean + noise[..., None] * (np.sqrt(1 - informed) * numbers + shift)
-    return build_result(
+    return body_result(
         state=rng.standard_normal((2, 10, frames, len(DOFS))),
-        names=Names(DOFS, MARKERS, CAMERAS),
+        names=BodyNames(DOFS, MARKERS, CAMERAS),
         summary={"points_mean": mean, "points_sd": np.sqrt(informed) * noise[..., None] * np.ones(shape)},
         extras={"points": mean + np.zeros((2, 10, 1, 1, 1, 1))},
-        observed=observed,
+        observed={"points": observed},
         inputs={"noise": noise},
         frames=np.arange(7, 7 + frames),
     )
@@ -56,9 +56,9 @@ def steps_tree(
     steps = unit(rng, (frames - 1, len(DOFS)), (0,)) * np.broadcast_to(scale, len(DOFS))
     steps[:leaps, 3] = leap - 0.1 * np.arange(leaps)
     mean = np.concatenate([[[4.0, -3.0, 2.0, 1.0, 0.5]], walk[1:] * steps]).cumsum(0)
-    return build_result(
+    return body_result(
         state=mean + rng.standard_normal((2, 10, frames, len(DOFS))),
-        names=Names(DOFS),
+        names=BodyNames(DOFS),
         summary={"state_mean": mean, "state_sd": np.full(mean.shape, 0.05)},
         inputs={"step_scale": walk},
         frames=np.arange(7, 7 + frames),
@@ -72,9 +72,9 @@ def drawn_tree(wide: float, *, leap: float = 0.0, num_draws: int = 1000, frames:
     walk = rng.uniform(0.1, 3.0, len(DOFS))
     mean = walk * wide * rng.standard_normal((frames, len(DOFS))) / np.sqrt(num_draws)
     mean[-1, 3] += leap * walk[3]
-    return build_result(
+    return body_result(
         state=mean + wide * walk * rng.standard_normal((2, 10, frames, len(DOFS))),
-        names=Names(DOFS),
+        names=BodyNames(DOFS),
         summary={"state_mean": mean, "state_sd": wide * walk * np.ones(mean.shape)},
         sample_stats={"ess": np.full(frames, float(num_draws))},
         inputs={"step_scale": walk * np.ones(mean.shape)},
@@ -91,9 +91,9 @@ def silhouettes_tree(
     frames = 12
     area = 40_000 * rng.uniform(0.95, 1.05, (frames, 2)) if area is None else area
     centre = rng.uniform(300.0, 310.0, (frames, 2, 2)) if centre is None else centre
-    return build_result(
+    return body_result(
         state=rng.standard_normal((2, 10, frames, len(DOFS))),
-        names=Names(DOFS, MARKERS, CAMERAS),
+        names=BodyNames(DOFS, MARKERS, CAMERAS),
         sample_stats={"overlap": rng.uniform(0.8, 0.9, (frames, 2)) if overlap is None else overlap},
         observed={
             "points": np.full((frames, 2, len(MARKERS), 2), np.nan),
@@ -135,9 +135,9 @@ def kalman_tree(
     spread = np.sqrt([np.diag(each) for each in covariances])
     width = np.sqrt([np.diag(design @ each @ design.T) for each in covariances])
     projected = (np.array(means) @ design.T).reshape(frames, *shape)
-    return build_result(
+    return body_result(
         state=np.array(means) + spread * rng.standard_normal((2, 10, frames, dofs)),
-        names=Names(DOFS, MARKERS, CAMERAS),
+        names=BodyNames(DOFS, MARKERS, CAMERAS),
         summary={
             "state_mean": np.array(means),
             "state_sd": spread,
@@ -145,7 +145,7 @@ def kalman_tree(
             "points_sd": width.reshape(frames, *shape),
         },
         extras={"points": projected + np.zeros((2, 10, 1, 1, 1, 1))},
-        observed=data.reshape(frames, *shape),
+        observed={"points": data.reshape(frames, *shape)},
         inputs={"noise": tolds, "step_scale": np.full((frames, dofs), told_walk)},
     )
 

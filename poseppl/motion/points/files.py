@@ -25,9 +25,9 @@ from poseppl.motion.keypoints.sources import check_different, without_strays
 from poseppl.motion.points.named_points import FREEDOM, PROGRAMS, PointRecording
 from poseppl.motion.points.smoothing import PointTracks
 from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.track import versions
 from poseppl.motion.tracking.walk import ASSUMED_RATE
-from poseppl.runs.results import Names, build_result
 
 _HEADERS = 4
 """Rows at most before DeepLabCut's first frame."""
@@ -164,15 +164,17 @@ def result_of_points(
     images = [np.moveaxis(np.asarray(project(recording.cameras, jnp.asarray(place))), 0, 1) for place in places]
     cameras = {name: None if leaf is None else np.asarray(leaf) for name, leaf in recording.cameras._asdict().items()}
     flat = places.reshape(1, *places.shape[:2], -1)
-    return build_result(
+    return body_result(
         state=flat,
-        names=Names([f"{name}.{axis}" for name in recording.names for axis in "xyz"], recording.names, recording.camera_names),
+        names=BodyNames(
+            [f"{name}.{axis}" for name in recording.names for axis in "xyz"], recording.names, recording.camera_names
+        ),
         extras={"markers": places[None], "points": np.stack(images)[None]},
         sample_stats={},
         observed={"points": recording.points, "confidence": recording.confidence},
         faults={"clutter": tracks.clutter, "swaps": tracks.swaps},
         cameras=cameras,
-        edges=np.asarray(edges, int).reshape(-1, 2),
+        edges=edges,
         frames=recording.frames,
         rate=recording.rate,
         attrs={

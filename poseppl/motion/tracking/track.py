@@ -17,6 +17,7 @@ from poseppl.errors import InputError, brief
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import DEFAULT_MODEL, Body, source_of_model
 from poseppl.motion.keypoints.assumed_stature import with_statures
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers
@@ -28,7 +29,6 @@ from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.filter_history import HISTORY_MIB
 from poseppl.runs.outcome import parts_of_run
 from poseppl.runs.predictive import Predict, predictive_checks
-from poseppl.runs.results import Names, Truth, build_result
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
 
 Walk = Literal["fixed", "learned", "mean-reverting"]
@@ -301,16 +301,16 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)
     names = [tree.coordinate_names[index] for index in free]
-    truth = None if scene.states is None else Truth(scene.states[:, free], scene.markers)
+    truth = None if scene.states is None else {"state": scene.states[:, free], "markers": scene.markers}
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
     told = {
         "input": scene.source,
         "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
         "residual_mm": scene.residual,
     }
-    result = build_result(
+    result = body_result(
         **{**parts, "attrs": {**attrs, **told, **parts["attrs"]}},
-        names=Names(names, tree.marker_names, scene.camera_names),
+        names=BodyNames(names, tree.marker_names, scene.camera_names),
         observed=scene.data.observed(scene.body),
         faults=scene.data.faults,
         truth=truth,

@@ -14,10 +14,10 @@ from poseppl.motion.io import read_cameras, write_cameras, write_observations
 from poseppl.motion.recordings.placing import camera_names, cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.recordings.subjects import DEFAULT_MODEL, walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, scene_of_observations, track
+from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.problem import make_problem, problem_of_result
 from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.start import seek_start
-from poseppl.runs.results import Names, build_result
 
 WALK = walking_subject(frames="0:12")
 PATH = WALK.markers[:, 0]
@@ -136,10 +136,10 @@ def test_a_low_confidence_widens_the_noise_and_none_hides_the_point(tmp_path: Pa
 def test_the_problem_of_a_result_is_the_one_that_was_posed() -> None:
     scene = observe_motion(WALK, place_cameras(PATH, 0.0), ("camera",))
     posed = make_problem(scene)
-    tree = build_result(
+    tree = body_result(
         state=np.zeros((1, 2, 12, 28)),
-        names=Names(scene.body.tree.coordinate_names, scene.body.tree.marker_names, scene.camera_names),
-        observed=scene.data.points,
+        names=BodyNames(scene.body.tree.coordinate_names, scene.body.tree.marker_names, scene.camera_names),
+        observed={"points": scene.data.points},
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         inputs=posed.record(),
         frames=scene.frames,
