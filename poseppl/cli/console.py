@@ -192,6 +192,7 @@ def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
         quiet: Whether to write warnings and errors alone, on stderr.
         about: What the line begins with.
     """
+    from poseppl.cli.remedies import as_option
     from poseppl.diagnostics import verdicts
 
     worst, *rest = verdicts(tree)
@@ -201,7 +202,7 @@ def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
         console = Console(stderr=quiet, soft_wrap=True, highlight=False)
         start = "poseppl: " if quiet else ""
         console.print(
-            f"{start}{about}{worst.severity}: {cut(worst.text, MAX_SHOWN)}{more}",
+            f"{start}{about}{worst.severity}: {cut(worst.worded(as_option), MAX_SHOWN)}{more}",
             style=_STYLES.get(worst.severity),
             markup=False,
         )

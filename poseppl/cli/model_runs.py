@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.cli.options import chosen
+from poseppl.cli.remedies import as_option
 from poseppl.cli.run import rows_of_text
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
@@ -131,5 +132,5 @@ def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str,
             for name, value in (means | probabilities).items()
             if name != "state" and np.isfinite(value).all()
         },
-        "verdicts": [{"severity": each.severity, "text": each.text} for each in verdicts(tree)],
+        "verdicts": [{"severity": each.severity, "text": each.worded(as_option)} for each in verdicts(tree)],
     }

@@ -41,11 +41,12 @@ def report(result: str, output: str | None, quiet: bool) -> None:
         raise InputError("not a name for the report", file=target, field="--output", expected="NAME.html")
     check_writable([target], [result])
 
+    from poseppl.cli.remedies import as_option
     from poseppl.report import write_report
     from poseppl.runs.results import load_result
 
     tree = load_result(result)
     with contents_of(result):
-        write_report(tree, target)
+        write_report(tree, target, name=as_option)
     if not quiet:
         click.echo(f"{target}")

@@ -5,6 +5,7 @@ Bounded in size for any length of sequence: the slider shows at most 120 frames 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import xarray as xr
@@ -16,6 +17,7 @@ from poseppl.diagnostics.image_errors import image_errors
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.verdicts.predictive import rank_test
+from poseppl.diagnostics.verdicts.verdict import Remedy, Verdict, as_argument
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts, joint_charts, mode_chart, residual_chart
@@ -36,29 +38,30 @@ from poseppl.report.titles import algorithms_of, title_of
 from poseppl.runs.results import is_weighted
 
 
-def write_report(tree: xr.DataTree, path: FilePath) -> None:
+def write_report(tree: xr.DataTree, path: FilePath, *, name: Callable[[Remedy], str] = as_argument) -> None:
     """Write the report of a result.
 
     Args:
         tree: The result; diagnosed first if it has no group ``diagnostics``.
         path: The HTML file, overwritten if it exists; it appears when it is whole.
+        name: How verdicts name the argument of a remedy; as in Python by default.
 
     Raises:
         InputError: The folder is missing or cannot be written.
         PosepplError: The disk is full.
     """
-    write_atomically(path, report_html(tree))
+    write_atomically(path, report_html(tree, name))
 
 
-def report_html(tree: xr.DataTree) -> str:
-    """Make the report of a result, the whole page."""
+def report_html(tree: xr.DataTree, name: Callable[[Remedy], str] = as_argument) -> str:
+    """Make the report of a result, the whole page; see :func:`write_report`."""
     whole = diagnosed(tree)
     drawn, poses, modes = charts(whole), pose_data(whole), modes_over_time(whole)
     doubts, errors = doubts_of(whole), image_errors(whole)
     own = "body" not in whole.children
     besides: dict[str, Any] = {"data": data_charts(whole) if own else {}, "coordinates": site_charts(whole) if own else {}}
     besides |= {"modes": mode_chart(modes), "residuals": residual_chart(whole, errors), "joints": joint_charts(whole)}
-    drawn |= {name: each for name, each in besides.items() if each}
+    drawn |= {title: each for title, each in besides.items() if each}
     if poses is not None and poses["space"] is not None:
         poses["space"]["ghosts"] = ghosts(modes, poses["frames"])
         poses["space"]["doubts"] = doubts_shown(whole, doubts, poses["frames"])
@@ -70,7 +73,7 @@ def report_html(tree: xr.DataTree) -> str:
         data={"charts-data": drawn, "pose-data": poses},
         charts=drawn,
         poses=poses,
-        found=verdicts(whole),
+        found=[Verdict(each.severity, each.worded(name)) for each in verdicts(whole)],
         own=own,
         most_entries=MAX_ENTRIES,
         num_frames=whole["posterior"].sizes["frame"],

@@ -96,4 +96,4 @@ def test_ten_chains_are_too_few_where_the_past_lasts(chains: int, severities: li
     result = infer(model, data, filter, jax.random.key(1), predict=predictive_checks(model))
     told = [each for each in verdicts(result) if "points carry the past" in each.text]
     assert [each.severity for each in told] == severities
-    assert all("use --filter assumed-density" in each.text for each in told)
+    assert all("use filter='assumed-density'" in each.text for each in told)

@@ -84,8 +84,8 @@ def test_intervals_of_exact_updates_hold_what_they_say() -> None:
     assert abs(found[:, 0].mean() - 0.9) < 4 * found[:, 0].std(ddof=1) / np.sqrt(RUNS) + 0.002  # a ratio's bias, of 200 draws
     assert 0.5 < np.square((found[:, 0] - 0.9) / found[:, 1]).mean() < 2.0
     assert all(check_intervals(*in_intervals(filtered(seed))) == [] for seed in range(RUNS))
-    (wrong,) = check_intervals(*in_intervals(filtered(0), 0.8), ["--filter particle"])
-    assert wrong.severity == "error" and "intervals is 82 ± " in wrong.text and "such as --filter particle" in wrong.text
+    (wrong,) = check_intervals(*in_intervals(filtered(0), 0.8), ["particle"])
+    assert wrong.severity == "error" and "intervals is 82 ± " in wrong.text and "such as filter='particle'" in wrong.text
 
 
 def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
@@ -120,9 +120,9 @@ def test_displacements_by_chance_add_nothing_on_average() -> None:
 @pytest.mark.parametrize("wrong", [{"shift": 0.3}, {"narrow": 0.7}])
 def test_updates_that_are_always_off_or_too_sure_are_an_error(wrong: dict[str, float]) -> None:
     runs = [filtered(seed, **wrong) for seed in range(RUNS // 2)]
-    told = [check_updates(*run[:4], ["--filter particle"]) for run in runs]
+    told = [check_updates(*run[:4], ["particle"]) for run in runs]
     assert [found.severity for each in told for found in each] == ["error"] * len(runs)
-    assert "such as --filter particle" in told[0][0].text
+    assert "such as filter='particle'" in told[0][0].text
     found = np.mean([update_figures(*run[:4]).inflation for run in runs])
     errors = np.array([np.mean(np.square(run.mean - run.truth) / np.square(run.deviation)) for run in runs])
     assert found == pytest.approx(errors.mean(), abs=4 * errors.std(ddof=1) / np.sqrt(len(runs)) + 0.15 * found)

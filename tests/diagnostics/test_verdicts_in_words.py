@@ -56,7 +56,7 @@ def test_failures_and_rejection_by_frame() -> None:
     failed[2], acceptance[20:22] = True, 0.3
     texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
     assert texts.startswith("error: Data with zero likelihood in frame 12:")
-    assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size or raise target_acceptance" in texts
+    assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size, or raise target_acceptance." in texts
     assert "No problems" not in texts
 
 
@@ -114,7 +114,7 @@ def test_coverage_of_coordinates_and_joints() -> None:
     wrong = _texts(synthetic_result(num_frames=60, truth_scale=2.5))
     assert "error: The coverage of 90 % intervals of coordinates is 46 %" in wrong
     assert "error: The coverage of 90 % intervals of joints" in wrong
-    assert "--sigma-angle" in wrong
+    assert "raise noise, raise sigma_angle or sigma_position, or raise num_updates." in wrong
     narrow = _texts(synthetic_result(num_frames=60, truth_scale=1.2))
     assert "warning: The coverage of 90 % intervals of coordinates is 8" in narrow
     assert "underconfident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
@@ -130,7 +130,7 @@ def test_joints_that_differ_from_the_body_are_said_to() -> None:
     tree = synthetic_result(num_frames=60, truth_scale=2.5)
     tree.attrs["residual_mm"] = "5.64"
     of_coordinates, of_joints = (text for text in _texts(tree).splitlines() if "90 % intervals of" in text)
-    words = "too narrow (they ignore that the body differs from the recording by 5.6 mm): raise --noise"
+    words = "too narrow (they ignore that the body differs from the recording by 5.6 mm): raise noise,"
     assert words in of_joints and "ignore that" not in of_coordinates
     tree.attrs["residual_mm"] = '"none"'
     assert "ignore that" not in _texts(tree)

@@ -7,8 +7,8 @@ import pytest
 from verdict_trees import drawn_tree, kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
 
 from poseppl.diagnostics.image_errors import LEAST_SHARE, image_errors
-from poseppl.diagnostics.verdicts import residuals, silhouettes, steps
-from poseppl.diagnostics.verdicts.steps import steps_of
+from poseppl.motion.verdicts import residuals, silhouettes, steps
+from poseppl.motion.verdicts.steps import steps_of
 
 
 def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from poseppl.cli.remedies import as_option
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 
@@ -151,5 +152,5 @@ def kalman_tree(
 
 
 def texts(tree: xr.DataTree) -> str:
-    """All verdicts, a line each."""
-    return "\n".join(f"{verdict.severity}: {verdict.text}" for verdict in verdicts(tree))
+    """All verdicts, a line each, as the command line words them."""
+    return "\n".join(f"{verdict.severity}: {verdict.worded(as_option)}" for verdict in verdicts(tree))

@@ -47,15 +47,15 @@ def test_a_hidden_markov_model_is_advised_what_is_exact_which_is_let_be() -> Non
     assert [each.text for each in verdicts(exact) if each.severity != "info"] == []
     assert provenance(few)["suited filters"] == ["hidden-markov"]
     (told,) = [each.text for each in verdicts(few) if each.text.startswith("Effective number")]
-    assert "use --filter hidden-markov" in told
+    assert "use filter='hidden-markov'" in told
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("filter", "settings", "advice"),
     [
-        ("annealed", {}, "use --filter assumed-density"),
-        ("demc", {"target": "likelihood"}, "use --set target=posterior"),
+        ("annealed", {}, "use filter='assumed-density'"),
+        ("demc", {"target": "likelihood"}, "use target='posterior'"),
         ("demc", {"target": "posterior"}, None),
         ("particle", {}, None),
     ],

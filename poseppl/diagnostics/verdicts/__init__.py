@@ -1,12 +1,14 @@
 """The diagnostics in words: what is wrong with a result, where, and what to do about it, the worst first.
 
 Each file beside this one holds the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
-those that :func:`verdicts` makes. A check that cannot judge a result yields `not_run`.
+those that :func:`verdicts` makes of any result. A check that cannot judge a result yields `not_run`. A package with checks of
+its own is listed in `EXTENSIONS`, and has its own `CHECKS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 
 import xarray as xr
 
@@ -28,10 +30,7 @@ from poseppl.diagnostics.verdicts.predictive import (
     prediction,
     unreached,
 )
-from poseppl.diagnostics.verdicts.residuals import one_camera, point_residuals
-from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
-from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
 from poseppl.diagnostics.verdicts.updates import (
     check_intervals as check_intervals,
     check_updates as check_updates,
@@ -44,22 +43,19 @@ from poseppl.diagnostics.verdicts.verdict import (
     NOT_RUN,
     SEVERITIES,
     WARNING as WARNING,
+    Remedy as Remedy,
     Verdict as Verdict,
     frame_ranges as frame_ranges,
 )
 
-CHECKS: dict[str, Callable[[xr.DataTree], Iterable[Verdict]]] = {
+Check = Callable[[xr.DataTree], Iterable[Verdict]]
+
+CHECKS: dict[str, Check] = {
     "impossible data": failures,
     "warnings": run_warnings,
     "mode seeking": mode_seeking,
     "effective particles": degeneracy,
     "number of chains": few_points,
-    "learned activity": learned_prior,
-    "silhouettes": overlap,
-    "silhouette jumps": silhouette_jumps,
-    "steps": estimated_steps,
-    "single camera": one_camera,
-    "residuals of points": point_residuals,
     "divergences": divergences,
     "mixing": mixing,
     "R-hat": agreement,
@@ -74,6 +70,15 @@ CHECKS: dict[str, Callable[[xr.DataTree], Iterable[Verdict]]] = {
 }
 """The checks by name; among findings of one severity, those of earlier checks come first: causes before effects."""
 
+EXTENSIONS = {"body": "poseppl.motion.verdicts"}
+"""Modules of further checks, by the group that results have for which they are; a file can choose none but these."""
+
+
+def checks_of(tree: xr.DataTree) -> dict[str, Check]:
+    """The checks for a result: those for any, or those of the extension for its kind, which has them among its own."""
+    modules = [import_module(name) for group, name in EXTENSIONS.items() if group in tree.children]
+    return modules[0].CHECKS if modules else CHECKS
+
 
 def verdicts(tree: xr.DataTree) -> list[Verdict]:
     """Judge a result.
@@ -86,7 +91,7 @@ def verdicts(tree: xr.DataTree) -> list[Verdict]:
         could not be run.
     """
     whole = diagnosed(tree)
-    found = {name: list(check(whole)) for name, check in CHECKS.items()}
+    found = {name: list(check(whole)) for name, check in checks_of(whole).items()}
     findings = [verdict for each in found.values() for verdict in each if verdict.severity != NOT_RUN]
     findings.sort(key=lambda verdict: SEVERITIES.index(verdict.severity))
     if all(verdict.severity == INFO for verdict in findings):
@@ -96,7 +101,7 @@ def verdicts(tree: xr.DataTree) -> list[Verdict]:
 
 def _no_problems(found: Mapping[str, Sequence[Verdict]]) -> str:
     """How many of the checks for such a result were run, and which were not, by what is missing."""
-    reasons = {name: next((each.text for each in told if each.severity == NOT_RUN), None) for name, told in found.items()}
+    reasons = {name: next((each.finding for each in told if each.severity == NOT_RUN), None) for name, told in found.items()}
     others = {reason: [name for name, why in reasons.items() if why == reason] for reason in reasons.values() if reason}
     number, left = sum(reason is None for reason in reasons.values()), sum(map(len, others.values()))
     rest = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in others.items())

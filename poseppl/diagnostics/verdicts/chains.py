@@ -12,6 +12,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     INFO,
     WARNING,
     Findings,
+    Remedy,
     Verdict,
     not_run,
     settings_among,
@@ -53,7 +54,7 @@ def divergences(tree: xr.DataTree) -> Findings:
         yield Verdict(INFO, f"{text}: too few to matter.")
     else:
         severity = ERROR if share > DIVERGENT_ERROR else WARNING
-        yield Verdict(severity, f"{text}: the step size is too large there; {_smaller_steps(tree)}.")
+        yield Verdict(severity, f"{text}: the step size is too large there;", _smaller_steps(tree))
 
 
 def _trajectories(tree: xr.DataTree) -> int:
@@ -62,9 +63,8 @@ def _trajectories(tree: xr.DataTree) -> int:
     return int(settings.get("num_chains", sizes["chain"]) * settings.get("num_updates", sizes["draw"]))
 
 
-def _smaller_steps(tree: xr.DataTree) -> str:
-    ways = [f"lower {settings_among(tree, 'step_size')}", f"raise {settings_among(tree, 'target_acceptance')}"]
-    return " or ".join([way for way in ways if "--" in way] or ways)
+def _smaller_steps(tree: xr.DataTree) -> tuple[Remedy, ...]:
+    return settings_among(tree, "target_acceptance", lower="step_size")
 
 
 def _percent(share: float) -> str:
@@ -92,9 +92,10 @@ def mixing(tree: xr.DataTree) -> Findings:
     if low.any():
         least = f"{np.nanmin(ess):.1f}, {names[np.nanargmin(np.fmin.reduce(ess))]}"
         text = f"ESS below {ESS_LOW:.0f} in {where(tree, low)} (least {least})"
-        yield Verdict(WARNING, f"{text}: means and intervals are imprecise; raise {more}.")
+        yield Verdict(WARNING, f"{text}: means and intervals are imprecise;", more)
     if np.isnan(tau).all():
-        yield Verdict(WARNING, f"Mixing cannot be judged, for there are too few draws per chain; raise {more}, or --max-draws.")
+        more += (Remedy("raise {}", "max_draws"),)
+        yield Verdict(WARNING, "Mixing cannot be judged, for there are too few draws per chain;", more)
 
 
 def agreement(tree: xr.DataTree) -> Findings:
@@ -112,7 +113,7 @@ def agreement(tree: xr.DataTree) -> Findings:
     text = f"R-hat above {RHAT_HIGH} in {_percent(share)} of frames and coordinates, above {RHAT_APART:g} in {_percent(apart)}"
     severity = WARNING if share > RHAT_WARNING else INFO  # never an error: chains that keep to modes may weigh them well
     more = settings_among(tree, "num_updates", "num_draws", "num_warmup", "num_starts")
-    yield Verdict(severity, f"{text} (largest {worst}): the chains disagree; raise {more}.")
+    yield Verdict(severity, f"{text} (largest {worst}): the chains disagree;", more)
 
 
 def rejection(tree: xr.DataTree) -> Findings:
@@ -126,6 +127,6 @@ def rejection(tree: xr.DataTree) -> Findings:
     if high.any():
         text = f"Rejection rate up to {100 * rate[high].max():.0f} % in {where(tree, high)}: the step size is too large"
         severity = ERROR if np.nanmean(rate) > REJECTION_HIGH else WARNING
-        yield Verdict(severity, f"{text}; {_smaller_steps(tree)}.")
+        yield Verdict(severity, f"{text};", _smaller_steps(tree))
     if np.nanmean(rate) < REJECTION_LOW:
         yield Verdict(INFO, "Fewer than 1 % of the proposals are rejected: larger steps would save time.")

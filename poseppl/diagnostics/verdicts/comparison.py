@@ -147,7 +147,9 @@ def _coverage(tree: xr.DataTree) -> list[Verdict]:
     for name, share, error, out in zip(*columns, strict=True):
         if np.isfinite(share):
             kinds["wrong" if out else calibration(share, error)].append(f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)")
-    return [Verdict(_KINDS[kind].severity, f"{_KINDS[kind].text}: {words(found)}.") for kind, found in kinds.items() if found]
+    return [
+        Verdict(_KINDS[kind].severity, f"{_KINDS[kind].finding}: {words(found)}.") for kind, found in kinds.items() if found
+    ]
 
 
 def _agreement(tree: xr.DataTree) -> Findings:

@@ -7,14 +7,14 @@ draws are off by so much. Else it is calibrated if two standard errors are at mo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import told
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, of_walk, settings_among
-from poseppl.runs.contents import group_of, variable
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Remedy, Verdict, not_run, settings_among
+from poseppl.runs.contents import group_of
 from poseppl.runs.results import provenance
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
@@ -28,7 +28,6 @@ WIDE = 0.95
 """Share up to which intervals that are too wide need no warning."""
 COVERAGE_ERROR = 0.8
 """Share below which over-confidence is an error: one true value in five lies outside, instead of one in ten."""
-_SITES = {"coverage": "coordinates", "coverage_markers": "joints"}
 
 
 def calibration(share: float, standard_error: float) -> Calibration:
@@ -45,48 +44,45 @@ def calibration(share: float, standard_error: float) -> Calibration:
 
 
 def coverage(tree: xr.DataTree) -> Findings:
-    """Coverage of the 90 % intervals of coordinates and joints."""
-    data = tree["diagnostics"].dataset
-    if not any(name in data and np.isfinite(data[name].sel(level=LEVEL)) for name in _SITES):
+    """Coverage of the 90 % intervals of coordinates."""
+    found = coverage_of(tree, "coverage")
+    if found is None:
         yield not_run("no truth")
-    for name, what in _SITES.items():
-        if name in data:
-            share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
-            if np.isfinite(share):
-                yield _verdict(tree, what, share, error)
+    else:
+        yield coverage_finding(found, "coordinates", settings_among(tree, "num_updates", "num_draws", "num_particles"))
 
 
-def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdict:
+def coverage_of(tree: xr.DataTree, name: str) -> tuple[float, float] | None:
+    """The share of the truth in 90 % intervals and its standard error; None where they are not known."""
+    data = group_of(tree, "diagnostics")
+    found = [float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se") if name in data]
+    return (found[0], found[1]) if found and np.isfinite(found[0]) else None
+
+
+def coverage_finding(
+    found: tuple[float, float], what: str, wider: Sequence[Remedy], narrower: Sequence[Remedy] = (), aside: str = ""
+) -> Verdict:
+    """Judge the coverage of 90 % intervals.
+
+    Args:
+        found: :func:`coverage_of` them.
+        what: What they are of.
+        wider: What makes them wider.
+        narrower: What makes them narrower.
+        aside: What else makes them too narrow, in words.
+    """
+    share, error = found
     kind = calibration(share, error)
     text = f"The coverage of 90 % intervals of {what} is {100 * share:.0f} % (± {100 * error:.0f})"
     if kind == "over-confident":
-        wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
-        places = "use --markers learned, " if _markers_may_be_learned(tree) else ""
-        more = settings_among(tree, "num_updates", "num_draws", "num_particles")
-        advice = f"overconfident, intervals are too narrow{_of_body(tree, what)}: {places}raise --noise, {wider}, or {more}"
-        return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
+        severity = ERROR if share < COVERAGE_ERROR else WARNING
+        return Verdict(severity, f"{text}: overconfident, intervals are too narrow{aside}:", tuple(wider))
     if kind == "under-confident" and share <= WIDE:
         return Verdict(INFO, f"{text}: slightly too wide.")
     if kind == "under-confident":
-        narrower = of_walk(tree, "lower --sigma-angle or --sigma-position")
-        return Verdict(WARNING, f"{text}: underconfident, intervals are too wide: lower --noise, or {narrower}.")
+        return Verdict(WARNING, f"{text}: underconfident, intervals are too wide{':' if narrower else '.'}", tuple(narrower))
     tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to decide"
     return Verdict(INFO, f"{text}: {tail}.")
-
-
-def _of_body(tree: xr.DataTree, what: str) -> str:
-    """What joints of a recording differ by from the model's body, which no interval includes."""
-    residual = provenance(tree).get("residual_mm")
-    if what != "joints" or not isinstance(residual, int | float) or residual < 0.1:
-        return ""
-    return f" (they ignore that the body differs from the recording by {residual:.1f} mm)"
-
-
-def _markers_may_be_learned(tree: xr.DataTree) -> bool:
-    """Whether two cameras or more saw markers that were taken for where the body has them."""
-    fixed = told(tree, "settings").get("markers") == "fixed"
-    points = variable(tree, "observed_data", "points")
-    return fixed and points is not None and points.shape[1] > 1 and bool(np.isfinite(points).any())
 
 
 def forecasts(tree: xr.DataTree) -> Findings:

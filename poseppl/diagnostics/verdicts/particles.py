@@ -11,6 +11,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     ESS_LOW,
     WARNING,
     Findings,
+    Remedy,
     Verdict,
     not_run,
     settings_among,
@@ -32,10 +33,10 @@ def mode_seeking(tree: xr.DataTree) -> Findings:
     if not _seeks_mode(tree):
         yield from [] if is_weighted(tree) else [not_run()]
         return
-    others = ["--set target=posterior"] if "target" in told(tree, "settings") else suited_filter(tree)
-    advice = f". For these, use {others[0]}" if others else ""
+    target = (Remedy("use {}", "target", "posterior", setting=True),)
+    others = target if "target" in told(tree, "settings") else suited_filter(tree)
     text = "The filter seeks a mode and does not sample the posterior: its standard deviations and intervals mean nothing"
-    yield Verdict(ERROR, f"{text}{advice}.")
+    yield Verdict(ERROR, f"{text}. For these," if others else f"{text}.", others)
 
 
 def degeneracy(tree: xr.DataTree) -> Findings:
@@ -49,15 +50,14 @@ def degeneracy(tree: xr.DataTree) -> Findings:
     if effective is not None and (effective < ESS_LOW).any():
         low, least = effective < ESS_LOW, f"{np.nanmin(effective):.1f}"
         text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {least})"
-        others = [f"use {other}" for other in suited_filter(tree)]
-        advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
-        yield Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}.")
+        severity = ERROR if low.mean() > LOW_SHARE else WARNING
+        yield Verdict(severity, f"{text}: the particles miss the posterior;", (*more, *suited_filter(tree)))
     if unique is not None:
         few = unique < min(ESS_LOW, number)
         few[0] = False  # no resampling comes before the first frame
         if few.any():
             text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
-            yield Verdict(WARNING, f"{text}: the sample is impoverished; raise {more}.")
+            yield Verdict(WARNING, f"{text}: the sample is impoverished;", more)
 
 
 def _seeks_mode(tree: xr.DataTree) -> bool:
@@ -65,7 +65,8 @@ def _seeks_mode(tree: xr.DataTree) -> bool:
     return is_weighted(tree) and provenance(tree).get("evidence") == "none"
 
 
-def suited_filter(tree: xr.DataTree) -> list[str]:
-    """The best other filter that takes the model, as its command has it; none where there is none."""
+def suited_filter(tree: xr.DataTree) -> tuple[Remedy, ...]:
+    """The best other filter that takes the model; none where there is none."""
     known = provenance(tree)
-    return [f"--filter {name}" for name in known.get("suited filters") or [] if name != known.get("filter")][:1]
+    others = [str(name) for name in known.get("suited filters") or [] if name != known.get("filter")]
+    return tuple(Remedy("use {}", "filter", name) for name in others[:1])

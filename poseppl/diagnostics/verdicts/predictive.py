@@ -20,7 +20,6 @@ from poseppl.diagnostics.verdicts.verdict import (
     WARNING,
     Findings,
     Verdict,
-    in_one_camera,
     not_run,
     settings_among,
     statistic,
@@ -40,7 +39,7 @@ OVER_CONFIDENT = (
 UNDER_CONFIDENT = "Underconfident predictions"
 OUTER_LOW = 0.02
 """Share of the data in the outer 10 % of their predictions, below which these are too wide."""
-NOT_OF_STATES = "This is about the data, not about the states (coordinates, joints)."
+NOT_OF_STATES = "This is about the data, not about the states."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
@@ -70,14 +69,13 @@ def prediction(tree: xr.DataTree) -> Findings:
 
 def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
     found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
-    found = [each for each in found if not (in_one_camera(tree) and each.text.startswith(UNDER_CONFIDENT))]
     if "smoother" not in provenance(tree):
         yield from found
         return
     # a smoother that is not bound to the filter's particles may be right where the filter is not
     for each in found:
         severity = WARNING if each.severity == ERROR and fits_model(tree) else each.severity
-        yield Verdict(severity, f"Filter before smoothing: {each.text}")
+        yield each._replace(severity=severity, finding=f"Filter before smoothing: {each.finding}")
 
 
 def rank_test(tree: xr.DataTree) -> str:
@@ -188,11 +186,11 @@ def few_points(tree: xr.DataTree) -> Findings:
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
     shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
     if shares and np.mean(shares) < implied_coverage(INFLATION_HIGH):
-        ways = [f"raise {settings_among(tree, 'num_chains')}", *(f"use {other}" for other in suited_filter(tree))]
         yield Verdict(
             ERROR,
             f"{points} points carry the past from frame to frame: by their Monte Carlo error alone, the coverage of 90 % "
-            f"intervals is at most about {100 * np.mean(shares):.0f} %; {', or '.join(ways)}.",
+            f"intervals is at most about {100 * np.mean(shares):.0f} %;",
+            (*settings_among(tree, "num_chains"), *suited_filter(tree)),
         )
 
 

@@ -12,7 +12,7 @@ from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.updates import update_coverage, update_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, UNCHECKED, predicted_state_of
-from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Verdict, not_run, statistic
+from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Remedy, Verdict, not_run, statistic
 from poseppl.runs.predictive import StatePrediction
 from poseppl.runs.results import provenance
 
@@ -29,7 +29,7 @@ def updates(tree: xr.DataTree) -> Findings:
     if prediction is None or prediction.memory is None or ess is None:
         yield not_run(UNCHECKED if prediction is None and "smoother" not in provenance(tree) else "")
         return
-    summary, others = tree["summary"].dataset, suited_filter(tree)
+    summary, others = tree["summary"].dataset, [str(each.value) for each in suited_filter(tree)]
     found = check_updates(prediction, summary["state_mean"].values, summary["state_sd"].values, ess, others)
     if not found and {0.05, 0.95} <= set(summary.get("quantile", xr.DataArray([])).values.tolist()):
         low, high = (summary["state_quantile"].sel(quantile=level).values for level in (0.05, 0.95))
@@ -47,7 +47,7 @@ def check_updates(
         mean: The posterior's mean (T, d).
         standard_deviation: Its standard deviation (T, d).
         ess: The filter's effective number of draws (T,).
-        others: Filters to turn to.
+        others: Filters to turn to, by name.
 
     Returns:
         A finding; none where they agree, or where there are too few frames to tell.
@@ -64,7 +64,8 @@ def check_updates(
         Verdict(
             ERROR,
             f"{_CONTRADICTED}: errors have {found:.2g} times the variance that it reports, and the coverage of 90 % intervals "
-            f"is about {100 * covered:.0f} % or less; {_advice(others)}, or another linearisation.",
+            f"is about {100 * covered:.0f} % or less;",
+            (*_other(others), Remedy("use another linearisation")),
         )
     ]
 
@@ -76,7 +77,7 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
         prediction: With a leading T.
         low: Their lower ends (T, d).
         high: Their upper ends (T, d).
-        others: Filters to turn to.
+        others: Filters to turn to, by name.
 
     Returns:
         A finding; none where they agree, or where there are too few frames to tell.
@@ -88,7 +89,8 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
         Verdict(
             ERROR,
             f"{_CONTRADICTED}: the coverage of its 90 % intervals is {100 * covered:.0f} ± {100 * error:.0f} %, as for "
-            f"posteriors with several modes or skewness; {_advice(others)}.",
+            "posteriors with several modes or skewness;",
+            _other(others),
         )
     ]
 
@@ -96,5 +98,5 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
 _CONTRADICTED = "The filter's posteriors contradict its own predictions and the data, by importance sampling"
 
 
-def _advice(others: Sequence[str]) -> str:
-    return f"use another filter{''.join(f', such as {other}' for other in others)}"
+def _other(names: Sequence[str]) -> tuple[Remedy, ...]:
+    return tuple(Remedy("use another filter, such as {}", "filter", name) for name in names) or (Remedy("use another filter"),)

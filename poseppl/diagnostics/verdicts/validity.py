@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, not_run, statistic, where
 from poseppl.runs.contents import flat_draws, group_of
 from poseppl.runs.results import provenance
-
-MISSING_HIGH = 0.2
 
 
 def failures(tree: xr.DataTree) -> Findings:
@@ -35,17 +33,7 @@ def run_warnings(tree: xr.DataTree) -> Findings:
 
 
 def missing(tree: xr.DataTree) -> Findings:
-    """Frames in which nothing was observed; of silhouettes, those that show nobody, for their points are always missing."""
+    """Data of which nothing was observed."""
     observed = group_of(tree, "observed_data")
-    name = next((name for name in ("silhouette_area", "points") if name in observed), None)
-    if name is None:
-        if len(observed) and not any(np.isfinite(values).any() for values in observed.values()):
-            yield Verdict(WARNING, "Nothing was observed in any frame: the posterior is the prior.")
-        return
-    values = observed[name].values
-    blind = ~np.isfinite(values).reshape(len(values), -1).any(axis=1)
-    if not blind.any():
-        return
-    text = f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction"
-    severity = WARNING if blind.mean() > MISSING_HIGH else INFO
-    yield Verdict(severity, f"{text}. To choose other frames, use --frames.")
+    if len(observed) and not any(np.isfinite(values).any() for values in observed.values()):
+        yield Verdict(WARNING, "Nothing was observed in any frame: the posterior is the prior.")

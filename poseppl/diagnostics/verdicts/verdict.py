@@ -1,4 +1,7 @@
-"""A verdict, its severity, and the words that all verdicts share.
+"""A verdict, its severity, its remedies, and the words that all verdicts share.
+
+>>> print(Verdict(WARNING, "The steps are too large;", (Remedy("lower {}", "step_size"), Remedy("use {}", "filter", "kalman"))))
+warning: The steps are too large; lower step_size, or use filter='kalman'.
 
 >>> frame_ranges([14, 15, 16, 17, 20])
 'frames 14-17, 20'
@@ -6,7 +9,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics.selection import told
-from poseppl.runs.contents import names_of, variable
+from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
 
 ERROR, WARNING, INFO = "error", "warning", "info"
@@ -25,14 +29,55 @@ NOT_RUN = "not run"
 ESS_LOW = 10.0
 MAX_RANGES = 6
 """Ranges of frames that are spelt out."""
-_OTHER_PRIOR = "learn the prior from more people (poseppl fit-motion), track without --prior"
+
+
+class Remedy(NamedTuple):
+    """What to do about a finding.
+
+    Attributes:
+        words: A phrase, with "{}" where the argument is named.
+        argument: The argument to change, as Python has it; empty where there is none.
+        value: The value to give it; None where the phrase says how to change it.
+        setting: Whether it is one of the filter or the smoother.
+    """
+
+    words: str
+    argument: str = ""
+    value: str | None = None
+    setting: bool = False
+
+
+def as_argument(remedy: Remedy) -> str:
+    """A remedy's argument and value in Python."""
+    return remedy.argument if remedy.value is None else f"{remedy.argument}={remedy.value!r}"
 
 
 class Verdict(NamedTuple):
-    """One finding: its ``severity`` ("error", "warning" or "info") and the sentence."""
+    """One finding.
+
+    Attributes:
+        severity: "error", "warning" or "info".
+        finding: What was found, a sentence, or one that its remedies end.
+        remedies: What can be done about it.
+    """
 
     severity: str
-    text: str
+    finding: str
+    remedies: tuple[Remedy, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """Finding and remedies, arguments as Python has them."""
+        return self.worded(as_argument)
+
+    def worded(self, name: Callable[[Remedy], str]) -> str:
+        """Finding and remedies, arguments by the name that a function gives them."""
+        ways = [words.format(" or ".join(map(name, alike))) for words, alike in groupby(self.remedies, lambda each: each.words)]
+        *others, last = ways or [""]
+        return f"{self.finding} {', '.join([*others, f'or {last}' if others else last])}." if ways else self.finding
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.text}"
 
 
 Findings = Iterator[Verdict]
@@ -76,18 +121,6 @@ def where(tree: xr.DataTree, mask: ArrayLike) -> str:
     return frame_ranges(frames[chosen].tolist())
 
 
-def of_walk(tree: xr.DataTree, advice: str) -> str:
-    """Advice on the random walk's options, or what stands in its place where none of them is taken."""
-    if array_of(tree, "inputs", "posture_mean") is not None:
-        return "use --walk learned or fixed"
-    return _OTHER_PRIOR if provenance(tree).get("prior") else advice
-
-
-def in_one_camera(tree: xr.DataTree) -> bool:
-    """Whether these are keypoints in one camera: errors that last count as noise, which is wider than frames differ by."""
-    return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1
-
-
 def array_of(tree: xr.DataTree, group: str, name: str) -> Floats | None:
     """A variable of a group; None where the result has none of this name."""
     values = variable(tree, group, name)
@@ -99,9 +132,9 @@ def statistic(tree: xr.DataTree, name: str) -> Floats | None:
     return array_of(tree, "sample_stats", name)
 
 
-def settings_among(tree: xr.DataTree, *names: str) -> str:
-    """Those of some settings that the run's algorithm has, as its command takes them; all of them where it does not tell."""
+def settings_among(tree: xr.DataTree, *names: str, lower: str = "") -> tuple[Remedy, ...]:
+    """Settings to raise, and one to lower: those that the run's algorithm has, or all where it does not tell."""
     settings = told(tree, "smoother settings" if "smoother" in provenance(tree) else "settings")
-    there = [f"--set {name}" for name in names if name in settings]
-    *others, last = there or names
-    return f"{', '.join(others)} or {last}" if others else last
+    ways = {**({lower: "lower"} if lower else {}), **dict.fromkeys(names, "raise")}
+    there = tuple(Remedy(f"{way} {{}}", name, setting=True) for name, way in ways.items() if name in settings)
+    return there or tuple(Remedy(f"{way} {name}") for name, way in ways.items())

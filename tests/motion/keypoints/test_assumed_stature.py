@@ -69,8 +69,8 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
     found: KeypointScene, filtered: xr.DataTree, smoothed: xr.DataTree
 ) -> None:
     (of_walk,), (of_both,) = told_of_one_camera(filtered), told_of_one_camera(smoothed)
-    assert "omit --walk" in of_walk and "assumed-density" not in of_walk
-    assert "omit --walk" in of_both and "assumed-density" in of_both
+    assert "omit walk" in of_walk and "assumed-density" not in of_walk
+    assert "omit walk" in of_both and "assumed-density" in of_both
     usual = track(found.scene, TrackSettings(filter="kalman", max_draws=500))
     assert not told_of_one_camera(usual) and not told_of_one_camera(smooth(usual, SmoothSettings("assumed-density")))
     assert len(told_of_one_camera(smooth(usual, SmoothSettings("laplace")))) == 1
@@ -82,7 +82,7 @@ def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
     tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100))
     several = tree.copy()
     several.attrs = {name: value for name, value in tree.attrs.items() if name != "layout"}
-    wide = ("intervals are too wide; lower --noise", "means jitter", "Underconfident")
+    wide = ("intervals are too wide; lower noise", "means jitter", "Underconfident")
     alone, others = (
         [word for word in wide if any(word in verdict.text for verdict in verdicts(each))] for each in (tree, several)
     )

@@ -35,7 +35,7 @@ def test_a_run_that_is_right_has_no_error(scene):
 @pytest.mark.slow
 def test_noise_and_walk_that_are_wrong_are_named_with_their_options(scene):
     (noise,) = (text for text in errors_of(with_data(scene, noise=scene.data.noise / 3)) if text.startswith("Image points"))
-    assert 2.7 < float(noise.split()[3]) < 3.3 and "raise --noise by that factor" in noise
-    assert any("--sigma-angle" in text for text in errors_of(scene, sigma_angle=0.05))
+    assert 2.7 < float(noise.split()[3]) < 3.3 and "raise noise by that factor" in noise
+    assert any("sigma_angle" in text for text in errors_of(scene, sigma_angle=0.05))
     shifted = scene.data.points + np.array([0.0, 0.02])[:, None, None]
     assert any(text.startswith("Points of camera") for text in errors_of(with_data(scene, points=shifted)))

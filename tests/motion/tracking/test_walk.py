@@ -9,7 +9,6 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 
-from poseppl.diagnostics.verdicts.verdict import of_walk
 from poseppl.errors import InputError
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.motion.geometry import marker_positions
@@ -32,6 +31,7 @@ from poseppl.motion.tracking.walk import (
     velocity_steps,
 )
 from poseppl.motion.tracking.walk_learning import Expansion, expected_steps, learn_walk
+from poseppl.motion.verdicts.remedies import of_walk
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import frame_inputs
 
@@ -246,7 +246,7 @@ def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="mean-reverting")
     tree = track(scene, settings)
     expected = make_problem(scene, mean_reverting=True).record()
-    assert of_walk(tree, "raise --sigma-angle") == "take --walk learned or fixed"
+    assert [each.value for each in of_walk(tree, "raise {}", "sigma_angle")] == ["learned", "fixed"]
     again = problem_of_result(tree)
     for name, values in expected.items():
         np.testing.assert_array_equal(again.record()[name], values, err_msg=name)

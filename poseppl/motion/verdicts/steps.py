@@ -22,14 +22,14 @@ from poseppl.diagnostics.verdicts.verdict import (
     INFO,
     WARNING,
     Findings,
+    Remedy,
     Verdict,
     array_of,
-    in_one_camera,
     not_run,
-    of_walk,
     statistic,
     where,
 )
+from poseppl.motion.verdicts.remedies import ANGLE, POSITION, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -47,7 +47,8 @@ HOLDS = 0.5
 OTHER_SHARE = 0.1
 """Share of such frames above which there is a warning."""
 _LEAST_SHARE = 0.25
-_OPTIONS = {"Translations": "--sigma-position", "Angles": "--sigma-angle"}
+_ARGUMENTS = {"Translations": POSITION, "Angles": ANGLE}
+_RATE = Remedy("check the frame rate")
 
 
 class Steps(NamedTuple):
@@ -104,11 +105,11 @@ def _scale(tree: xr.DataTree, steps: Steps, group: str) -> Findings:
     text = f"{group} step {scale:.2f} times as far as their random walk"
     if scale > STEPS_HIGH:
         severity = ERROR if scale > STEPS_ERROR else WARNING
-        wider = of_walk(tree, f"raise {_OPTIONS[group]}")
-        yield Verdict(severity, f"{text}: the filter lags behind; {wider}, or check the frame rate.")
+        wider = of_walk(tree, "raise {}", _ARGUMENTS[group])
+        yield Verdict(severity, f"{text}: the filter lags behind;", (*wider, _RATE))
     if scale < STEPS_LOW and "smoother" not in provenance(tree) and not in_one_camera(tree):
-        lower = of_walk(tree, f"lower {_OPTIONS[group]}")
-        yield Verdict(WARNING, f"{text}: intervals are too wide and means jitter; {lower}, or check the frame rate.")
+        lower = of_walk(tree, "lower {}", _ARGUMENTS[group])
+        yield Verdict(WARNING, f"{text}: intervals are too wide and means jitter;", (*lower, _RATE))
 
 
 def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_]) -> Findings:
@@ -120,10 +121,9 @@ def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_])
     frame, dof = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
     number = int(tree["posterior"].dataset["frame"].values[1:][frame])
     text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
-    wider = of_walk(tree, f"raise {_OPTIONS[group]}")
-    advice = f"another person, a left/right swap, or fast motion: check the data there, or {wider}"
-    severity = ERROR if sizes.max() > LEAP_ERROR else WARNING
-    yield Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")
+    text += f" (largest {sizes.max():.1f}, {names[dof]} in frame {number}): another person, a left/right swap, or fast motion:"
+    remedies = Remedy("check the data there"), *of_walk(tree, "raise {}", _ARGUMENTS[group])
+    yield Verdict(ERROR if sizes.max() > LEAP_ERROR else WARNING, text, remedies)
 
 
 def learned_prior(tree: xr.DataTree) -> Findings:
@@ -140,5 +140,5 @@ def learned_prior(tree: xr.DataTree) -> Findings:
     if share <= OTHER_SHARE:
         yield Verdict(INFO, f"{text}.")
     else:
-        advice = "learn from motion of this kind (poseppl fit-motion), or track without --prior"
-        yield Verdict(WARNING, f"{text}. Better: {advice}.")
+        remedies = Remedy("learn from motion of this kind (poseppl fit-motion)"), Remedy("track without {}", "prior")
+        yield Verdict(WARNING, f"{text}. Better:", remedies)

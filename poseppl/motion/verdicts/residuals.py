@@ -12,7 +12,8 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, in_one_camera, not_run, of_walk
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Remedy, Verdict, not_run
+from poseppl.motion.verdicts.remedies import ANGLE, POSITION, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -30,6 +31,16 @@ MARKER_HIGH = 2.0
 MAX_NAMED = 4
 BIAS_HIGH = 0.7
 """Mean residual of a camera, in units of its noise, from which on it is told."""
+_OF_CAMERA = (
+    Remedy("check its calibration ({})", "camera"),
+    Remedy("check its calibration ({})", "calibration"),
+    Remedy("check its time offset, and that it shows the same person"),
+)
+_OF_MARKERS = (
+    Remedy("check the lengths ({})", "stature"),
+    Remedy("check the lengths ({})", "model"),
+    Remedy("check what the detector calls these joints"),
+)
 
 
 def point_residuals(tree: xr.DataTree) -> Findings:
@@ -51,11 +62,11 @@ def one_camera(tree: xr.DataTree) -> Findings:
     """A detector's keypoints of a single camera, where intervals hold less than they say (studies/one_camera.py)."""
     if in_one_camera(tree):
         known = provenance(tree)
-        mends = ["omit --walk"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
-        mends += ["smooth with assumed-density"] if known.get("smoother") == "laplace" else []
-        if mends:
-            text = "One camera: estimated joints tend to be too near to it, by more than the intervals say"
-            yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or add a camera.")
+        remedies = [Remedy("omit {}", "walk")] if known.get("settings", {}).get("walk") != "mean-reverting" else []
+        remedies += [Remedy("smooth with assumed-density")] if known.get("smoother") == "laplace" else []
+        if remedies:
+            text = "One camera: estimated joints tend to be too near to it, by more than the intervals say:"
+            yield Verdict(WARNING, text, (*remedies, Remedy("add a camera")))
     else:
         yield not_run()
 
@@ -68,11 +79,11 @@ def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Find
         if len(errors.cameras) > 1:
             worst.insert(0, _largest(errors.scale((0, 2, 3)), errors.cameras))
         text += f" (worst {', '.join(worst)}{_without(errors)})"
-        follows = of_walk(tree, "raise --sigma-angle and --sigma-position")
-        advice = f"raise --noise by that factor, correct the calibration or the lengths, or {follows}"
-        yield Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")
+        remedies = Remedy("raise {} by that factor", "noise"), Remedy("correct the calibration or the lengths")
+        severity = ERROR if scale > SCALE_ERROR else WARNING
+        yield Verdict(severity, f"{text}:", (*remedies, *of_walk(tree, "raise {}", ANGLE, POSITION)))
     if scale < SCALE_LOW and high < 1 and not in_one_camera(tree):
-        yield Verdict(WARNING, f"{text}: intervals are too wide; lower --noise by that factor.")
+        yield Verdict(WARNING, f"{text}: intervals are too wide;", (Remedy("lower {} by that factor", "noise"),))
 
 
 def _of_cameras(errors: ImageErrors) -> Findings:
@@ -89,8 +100,7 @@ def _of_cameras(errors: ImageErrors) -> Findings:
             right, down = shift[i]
             said.append(f"off by ({right:+.3g}, {down:+.3g}) on average, {bias[i]:.1f} times their noise")
         severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
-        advice = "check its calibration (--camera, --calibration), its time offset, and that it shows the same person"
-        yield Verdict(severity, f"Points of camera {errors.cameras[i]} are {', and '.join(said)}: {advice}.")
+        yield Verdict(severity, f"Points of camera {errors.cameras[i]} are {', and '.join(said)}:", _OF_CAMERA)
 
 
 def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
@@ -98,8 +108,7 @@ def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
     high = [i for i in np.argsort(-np.nan_to_num(scales)) if scales[i] > MARKER_HIGH]
     if 0 < len(high) <= len(markers) / 2:
         named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
-        advice = "check the lengths (--stature, --model), and what the detector calls these joints"
-        yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}: {advice}.")
+        yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}:", _OF_MARKERS)
 
 
 def _interval(errors: ImageErrors) -> tuple[float, float, float]:

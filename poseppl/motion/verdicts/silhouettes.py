@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, not_run, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Remedy, Verdict, array_of, not_run, where
 from poseppl.runs.contents import group_of, names_of
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
@@ -19,6 +19,13 @@ PACE = 12.0
 """Roots of its area that a silhouette's centre moves in a second at most: 9 m/s."""
 SWELLING = 1.6
 """Factor by which a silhouette's area grows or shrinks from a frame to the next before it is told."""
+
+_IN_MASKS = "check the masks for other people and furniture ({})"
+_OF_OVERLAP = (
+    *(Remedy(_IN_MASKS, argument) for argument in ("masks", "occlusion", "background")),
+    Remedy("check {}", "facing"),
+    Remedy("check {}", "stature"),
+)
 
 
 def overlap(tree: xr.DataTree) -> Findings:
@@ -35,9 +42,8 @@ def overlap(tree: xr.DataTree) -> Findings:
     named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on average"
     worst = f", and below {OVERLAP_FRAME:g} in {where(tree, frames)}" if frames.any() else ""
     text = f"Body and silhouettes overlap too little ({named}; 1 is perfect{worst})"
-    advice = "check the masks for other people and furniture (--masks, --occlusion, --background), --facing and --stature"
     severity = ERROR if np.nanmin(means) < OVERLAP_ERROR or frames.mean() > 0.1 else WARNING
-    yield Verdict(severity, f"{text}: {advice}.")
+    yield Verdict(severity, f"{text}:", _OF_OVERLAP)
 
 
 def silhouette_jumps(tree: xr.DataTree) -> Findings:
@@ -53,6 +59,5 @@ def silhouette_jumps(tree: xr.DataTree) -> Findings:
     cameras = names_of(tree, "camera")
     found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
     if found:
-        text = f"Silhouettes jump or change size suddenly in {', '.join(found)}"
-        advice = "they may show another person; look at the overlay, and give --masks of one person"
-        yield Verdict(WARNING, f"{text}: {advice}.")
+        text = f"Silhouettes jump or change size suddenly in {', '.join(found)}: they may show another person;"
+        yield Verdict(WARNING, text, (Remedy("look at the overlay, and give {} of one person", "masks"),))
