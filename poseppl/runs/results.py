@@ -269,7 +269,7 @@ def _summary(draws: NDArray[Any], given: Mapping[str, ArrayLike], known: Mapping
     return labelled_summary(computed | dict(given), ("frame",), known, dims)
 
 
-def draw_moments(name: str, values: ArrayLike, levels: ArrayLike = QUANTILES) -> dict[str, NDArray[Any]]:
+def draw_moments(name: str, values: ArrayLike, levels: Sequence[float] | NDArray[Any] = QUANTILES) -> dict[str, NDArray[Any]]:
     """Summarise draws.
 
     Args:

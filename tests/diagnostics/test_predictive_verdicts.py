@@ -152,9 +152,7 @@ def test_noise_three_times_too_large_is_a_warning(noise: float) -> None:
         (found,) = check_predictions(wrong)
         assert found.severity == "warning"
         assert found.text.startswith("Underconfident predictions: the coverage of 90 % intervals of the data")
-        assert "The noise is too large" in found.text and found.text.endswith(
-            "This is about the data, not about the states (coordinates, joints)."
-        )
+        assert "The noise is too large" in found.text and found.text.endswith("This is about the data, not about the states.")
         assert coverage_of_states(wrong, data, walks(0.0, seed)) > 0.96
     assert sum("Underconfident" in str(check_predictions(shorter(noise, seed))) for seed in range(100)) <= 3
 

@@ -114,7 +114,7 @@ def test_coverage_of_coordinates_and_joints() -> None:
     wrong = _texts(synthetic_result(num_frames=60, truth_scale=2.5))
     assert "error: The coverage of 90 % intervals of coordinates is 46 %" in wrong
     assert "error: The coverage of 90 % intervals of joints" in wrong
-    assert "raise noise, raise sigma_angle or sigma_position, or raise num_updates." in wrong
+    assert "raise noise, sigma_angle, sigma_position or num_updates." in wrong
     narrow = _texts(synthetic_result(num_frames=60, truth_scale=1.2))
     assert "warning: The coverage of 90 % intervals of coordinates is 8" in narrow
     assert "underconfident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))

@@ -9,7 +9,7 @@ warning: The steps are too large; lower step_size, or use filter='kalman'.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -72,9 +72,9 @@ class Verdict(NamedTuple):
 
     def worded(self, name: Callable[[Remedy], str]) -> str:
         """Finding and remedies, arguments by the name that a function gives them."""
-        ways = [words.format(" or ".join(map(name, alike))) for words, alike in groupby(self.remedies, lambda each: each.words)]
-        *others, last = ways or [""]
-        return f"{self.finding} {', '.join([*others, f'or {last}' if others else last])}." if ways else self.finding
+        alike = groupby(self.remedies, lambda remedy: remedy.words)
+        ways = [words.format(_either([name(remedy) for remedy in remedies], " or ")) for words, remedies in alike]
+        return f"{self.finding} {_either(ways, ', or ')}." if ways else self.finding
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.text}"
@@ -82,6 +82,10 @@ class Verdict(NamedTuple):
 
 Findings = Iterator[Verdict]
 """What a check yields."""
+
+
+def _either(names: Sequence[str], last: str) -> str:
+    return last.join([", ".join(names[:-1]), names[-1]]) if names[1:] else "".join(names)
 
 
 def not_run(reason: str = "") -> Verdict:
