@@ -28,14 +28,6 @@ from poseppl.diagnostics.inefficiency import (
     split_rhat as split_rhat,
     windowed_inefficiency as windowed_inefficiency,
 )
-from poseppl.diagnostics.marker_errors import (
-    VIRTUAL_MARKERS as VIRTUAL_MARKERS,
-    MarkerErrors as MarkerErrors,
-    OverRuns as OverRuns,
-    marker_errors as marker_errors,
-    over_runs as over_runs,
-    virtual_markers as virtual_markers,
-)
 from poseppl.diagnostics.one_step import one_step_elpd as one_step_elpd
 from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
@@ -55,6 +47,7 @@ from poseppl.diagnostics.updates import (
     update_figures as update_figures,
 )
 from poseppl.diagnostics.verdicts import (
+    Remedy as Remedy,
     Verdict as Verdict,
     check_intervals as check_intervals,
     check_predictions as check_predictions,

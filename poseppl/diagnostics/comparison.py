@@ -154,7 +154,7 @@ def _check(name: str, data: Data, first: str, reference: Data, files: Mapping[st
         raise InputError(
             f"a run of other data: {problem} in {other}",
             file=files.get(name, name),
-            expected="runs of the same points, frames and coordinates; the noise of simulated points depends on --seed",
+            expected="runs of the same points, frames and coordinates; the noise of simulated points depends on the seed",
         )
 
 

@@ -12,9 +12,9 @@ from poseppl_models.bodies.cone_body import with_crown
 from poseppl_models.darby.cone_body import darby_body
 from poseppl_models.du_guan.body import du_guan_body
 
-from poseppl.diagnostics import VIRTUAL_MARKERS
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS
 
 pytestmark = pytest.mark.full
 

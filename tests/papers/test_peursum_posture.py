@@ -7,7 +7,7 @@ import pytest
 from poseppl_models.bodies.choo_fleet import full_body
 from poseppl_papers.peursum.posture import mean_posture, posture_error
 
-from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
 
 BODY = full_body(None)
 TREE = BODY.tree

@@ -15,7 +15,6 @@ import numpy as np
 from poseppl_models.images.image_system import SeenPerson, Sight
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.errors import InputError
 from poseppl.files.cache_folder import cache_folder
 from poseppl.files.store import key_of
@@ -30,6 +29,7 @@ from poseppl.motion.recordings.subject_video import film_subject
 from poseppl.motion.recordings.subjects import turned, walking_subject
 from poseppl.motion.rendering import build_setting, find_toes
 from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL, VideoSources, sources_of_scene
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.vision import FeatureSettings, video_features
 from poseppl_papers.recordings import Recording
 

@@ -14,10 +14,10 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.diagnostics import marker_errors, virtual_markers
 from poseppl.filters import Filter
 from poseppl.jobs import Job
 from poseppl.motion.geometry import marker_positions
+from poseppl.motion.tracking.marker_errors import marker_errors, virtual_markers
 from poseppl.program.population import log_likelihoods
 from poseppl_papers.clock import finished
 from poseppl_papers.images.scenes import Scene

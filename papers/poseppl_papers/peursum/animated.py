@@ -19,7 +19,6 @@ from poseppl_models.images.image_system import SeenPerson, Sight, build_system
 from poseppl_models.images.silhouette_bits import body_bits, unpack_bits
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.geometry import Cameras, marker_positions
@@ -27,6 +26,7 @@ from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.io import slice_frames
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.vision import FeatureSettings, background_from_plate, extract
 from poseppl_papers.images.systems import Problem, System
 from poseppl_papers.peursum.training import BODY, motion_at

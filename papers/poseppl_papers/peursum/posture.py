@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.geometry import KinematicTree, marker_positions
 from poseppl.motion.learned.angles import mean_angle
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
 
 LEFT_OUT = ("hip_l", "hip_r")
 _COMPARED = [number for number, name in enumerate(VIRTUAL_MARKERS) if name not in LEFT_OUT]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poseppl.diagnostics import VIRTUAL_MARKERS, marker_errors, over_runs, virtual_markers
+from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, marker_errors, over_runs, virtual_markers
 
 NAMES = ("pelvis", "crown", *(f"{joint}_{side}" for side in "lr" for joint in ("shoulder", "elbow", "wrist")))
 NAMES += tuple(f"{joint}_{side}" for side in "lr" for joint in ("hip", "knee", "ankle"))
