@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from synthetic import synthetic_result
 
+from poseppl.cli import main
 from poseppl.cli.console import print_verdict
 from poseppl.cli.remedies import as_option
 from poseppl.diagnostics import Remedy, Verdict, diagnose, verdicts
 from poseppl.diagnostics.verdicts import CHECKS, EXTENSIONS, checks_of
 from poseppl.motion.verdicts import CHECKS as OF_BODIES
 from poseppl.report import report_html
-from poseppl.runs.results import Names, build_result
+from poseppl.runs.results import Names, build_result, save_result
 
 WRONG = diagnose(synthetic_result(num_frames=12, num_draws=20, truth_scale=2.5))
 """Overconfident, of a filter with the settings num_chains and num_updates."""
@@ -39,12 +40,20 @@ def test_a_remedy_is_an_argument_in_python_and_an_option_of_the_command_line() -
     assert Verdict("info", "Few;", remedies[:1]).text == "Few; use walk='learned'."
 
 
-def test_command_and_report_name_options_and_python_arguments(capsys: pytest.CaptureFixture[str]) -> None:
-    python, option = "raise noise, sigma_angle", "raise --noise, --sigma-angle"
+PYTHON, OPTIONS = "raise noise, sigma_angle", "raise --noise, --sigma-angle"
+
+
+def test_the_command_names_options(capsys: pytest.CaptureFixture[str]) -> None:
     print_verdict(WRONG, Path("run.nc"), quiet=False)
-    assert option in capsys.readouterr().out and python in str(verdicts(WRONG)[0])
-    page = report_html(WRONG, as_option)
-    assert option in page and python not in page
+    assert OPTIONS in capsys.readouterr().out and PYTHON in str(verdicts(WRONG)[0])
+
+
+@pytest.mark.full
+def test_the_report_of_the_command_names_options(tmp_path: Path) -> None:
+    save_result(WRONG, tmp_path / "run.nc")
+    assert main(["report", str(tmp_path / "run.nc")]) == 0
+    of_command, of_python = (tmp_path / "run.html").read_text(), report_html(WRONG)
+    assert OPTIONS in of_command and PYTHON not in of_command and PYTHON in of_python and OPTIONS not in of_python
 
 
 def test_a_body_has_further_checks(monkeypatch: pytest.MonkeyPatch) -> None:
