@@ -24,7 +24,7 @@ from poseppl.diagnostics import virtual_markers
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.learned import FactoredTables, bin_angles, root_places
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 BODY = peursum_body()
 NAMES = ("Simple-PF, 10,000", "FSHHMM-PF, 1,000")
