@@ -28,9 +28,10 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import arguments, peak_memory, show, write_table
 from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model
-from poseppl.motion.recordings.placing import camera_names, cameras_around
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.results import load_result, save_result
 

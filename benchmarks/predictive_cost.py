@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import jax
 
 from benchmarks.timing import arguments, show, without_compile_cache
-from poseppl.motion.recordings.placing import camera_names, place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import make_problem, observe_motion
+from poseppl.motion.tracking.placing import camera_names, place_cameras
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.run import Run, run_filter

@@ -13,9 +13,9 @@ import time
 from jax import monitoring
 
 from benchmarks.timing import DATA, arguments, show
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 
 def main() -> None:

@@ -34,9 +34,9 @@ import numpy as np
 import poseppl
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import project
-from poseppl.motion.recordings.placing import place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, track
+from poseppl.motion.tracking.placing import place_cameras
 from poseppl.particles.resampling import systematic
 from poseppl.report import new_picture, plot_error, plot_overlay, plot_pose3d
 
@@ -73,7 +73,7 @@ known = BodyInputs(
     cameras, jnp.asarray(two_eyes.data.noise), jnp.asarray(body.rest), *2 * [jnp.full(body.tree.dimension, 1.0)], body.tree
 )
 whole = body.program.compile(known, body.params)
-model = whole.clamp(indices)
+model = poseppl.clamp(whole, indices)
 truth = jnp.asarray(walker.states[0])
 inputs = poseppl.Clamped(known, truth, truth)
 weigh = jax.jit(poseppl.particle_filter(model, NUM_PARTICLES).init)

@@ -34,9 +34,9 @@ from poseppl.diagnostics.modes import ambiguities, modes_over_time
 from poseppl.diagnostics.selection import segments
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps
-from poseppl.motion.recordings.placing import place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import make_problem, observe_motion
+from poseppl.motion.tracking.placing import place_cameras
 from poseppl.report import new_picture
 from poseppl.runs.run import frame_inputs
 

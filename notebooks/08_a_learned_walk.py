@@ -30,9 +30,10 @@ import numpy as np
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model
 from poseppl.motion.learned.states_picture import plot_states
-from poseppl.motion.recordings.placing import camera_names, cameras_around
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.report import new_picture
 
 walker = walking_subject(frames="0:120")

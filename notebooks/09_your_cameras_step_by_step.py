@@ -34,11 +34,11 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.keypoints.scene import scene_of_keypoints
-from poseppl.motion.recordings.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import angle_estimates
 from poseppl.motion.tracking.export import export
+from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.report import new_picture, plot_pose3d, save_picture
 
 

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         CompiledModel as CompiledModel,
         Observation as Observation,
         StateSpaceModel as StateSpaceModel,
+        clamp as clamp,
     )
     from poseppl.report import write_report as write_report
     from poseppl.runs.arviz_groups import to_arviz as to_arviz
@@ -124,6 +125,7 @@ _HOMES = {
     "CompiledModel": "program",
     "Observation": "program",
     "StateSpaceModel": "program",
+    "clamp": "program",
     "write_report": "report",
     "load_result": "runs.results",
     "log_likelihood": "runs.log_likelihood",

@@ -31,10 +31,10 @@ from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.keypoints.camera_refinement import refine_cameras
 from poseppl.motion.keypoints.scene import noise_of_points, with_markers
 from poseppl.motion.keypoints.sources import points_of
-from poseppl.motion.recordings.placing import cameras_of_records
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.recorded_model import offsets_of_lengths

@@ -34,11 +34,11 @@ from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import flesh_of, parts_of
 from poseppl.motion.io import CameraRecord, read_cameras, read_image
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.silhouettes.data import SilhouetteData
 from poseppl.motion.silhouettes.scene import silhouette_scene
 from poseppl.motion.silhouettes.video_sources import see_silhouettes, sources_of_files
 from poseppl.motion.tracking import TrackSettings, track
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import Scene
 from poseppl.runs.results import load_result, provenance
 

@@ -27,9 +27,9 @@ from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose
 from poseppl.errors import PosepplError
 from poseppl.jobs import Inline, Job, run_jobs
-from poseppl.motion.recordings.placing import camera_names, place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, place_cameras
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.outcome import result_of_run

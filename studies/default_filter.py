@@ -20,10 +20,10 @@ from poseppl_papers.tables import Table
 from benchmarks.timing import DATA, arguments, write_table
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose
-from poseppl.motion.recordings.placing import camera_names, place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion
 from poseppl.motion.tracking.metrics import measure_run
+from poseppl.motion.tracking.placing import camera_names, place_cameras
 from poseppl.motion.tracking.track import _result, walk_params
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS

@@ -11,7 +11,7 @@ import numpy as np
 from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.motion.io import read_cameras
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
 from studies.balancing import STATURE, read_triangulation

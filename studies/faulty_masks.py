@@ -14,10 +14,10 @@ from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.io import CameraRecord
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.silhouettes.data import SilhouetteData
 from poseppl.motion.silhouettes.scene import silhouette_scene
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import Scene
 
 SIZE = (320, 240)

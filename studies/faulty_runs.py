@@ -24,9 +24,9 @@ from scipy.spatial.transform import Rotation
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose, verdicts
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject, walking_subject
 from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import Scene, noise_of
 from poseppl.runs.results import load_result, save_result

@@ -31,9 +31,10 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION
 from poseppl.motion.keypoints.data_association import limb_pairs
 from poseppl.motion.points.swaps import LASTS, SHARE
-from poseppl.motion.recordings.placing import cameras_of_records
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL, chosen_motion
+from poseppl.motion.recordings.subjects import chosen_motion
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import noise_of
 
 PERSON, SIZE = "S1", (1000, 1000)

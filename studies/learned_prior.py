@@ -34,12 +34,12 @@ from poseppl.cli.console import start_jax
 from poseppl.diagnostics.diagnosis import root_index
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.silhouettes.frame import SilhouetteSettings
 from poseppl.motion.silhouettes.video_sources import see_silhouettes, sources_of_scene
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, track
 from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.verdicts.silhouettes import overlap
 from studies.kept_runs import keep_run, read_runs
 

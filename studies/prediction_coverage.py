@@ -22,9 +22,9 @@ from poseppl.diagnostics import check_predictions, diagnose, predictive_figures
 from poseppl.diagnostics.calibration import between
 from poseppl.diagnostics.verdicts.predictive import prediction_of
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 WALKS: dict[str, tuple[str, str | None, int]] = {
     "12_01": ("pybvh/cmu_12_01_walk.bvh", None, 1),

@@ -36,9 +36,9 @@ from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import check_intervals, check_predictions, check_unreached, check_updates, predictive_figures, verdicts
 from poseppl.diagnostics.verdicts.predictive import prediction_of
-from poseppl.motion.recordings.placing import camera_names, place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, place_cameras
 from poseppl.motion.tracking.track import _result, walk_params
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS

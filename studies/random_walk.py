@@ -33,9 +33,9 @@ from poseppl.diagnostics import joint_error
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.io import read_cameras
-from poseppl.motion.recordings.placing import camera_names, cameras_around, cameras_of_records
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import Problem, Scene, make_problem, observe_motion
+from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE

@@ -23,7 +23,7 @@ from poseppl.motion.keypoints.clocks import Clock
 from poseppl.motion.keypoints.people import choose_person
 from poseppl.motion.keypoints.scene import LEAST_AGREEMENT
 from poseppl.motion.keypoints.sources import LEAST_OFFSET, SURE, find_offsets
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 from studies.kept_runs import keep_run, read_runs
 from studies.laboratory_rig import detect, rig_records
 from studies.simulated_keypoints import OPENSIM, WALKS, recorded

@@ -38,9 +38,9 @@ from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, noise_of

@@ -28,11 +28,11 @@ from poseppl_papers.tables import Table, write_csv
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.motion.io import VideoWarning
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.silhouettes.frame import SilhouetteSettings
 from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.motion.tracking import Scene, SmoothSettings, TrackSettings, observe_motion, smooth, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.report.picture import Picture, new_picture, save_picture
 from studies.kept_runs import read_runs
 

@@ -14,7 +14,7 @@ from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import flesh_of, parts_of
 from poseppl.motion.io import CameraRecord
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 SIZE = (240, 180)
 

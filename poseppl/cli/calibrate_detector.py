@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs
+from poseppl.cli.keypoint_words import words_of_keypoints
 from poseppl.cli.options import common_options, seed_option
-from poseppl.cli.track_keypoints import check_source_words, keypoint_recording, source_options, words_of_keypoints
+from poseppl.cli.track_keypoints import check_source_words, keypoint_recording, source_options
 from poseppl.cli.track_video import ManyFiles
 
 EXAMPLES = """

@@ -163,3 +163,24 @@ def check_recording(path: str | None, skeleton: str | None) -> None:
         raise Location(path).error(f"unknown format {suffix!r}", " or ".join(suffixes))
     if path is not None and suffix == ".amc" and skeleton is None:
         raise Location(path).error("an .amc file needs its skeleton", "--skeleton FILE.asf, or FILE.amc,FILE.asf")
+
+
+def rows_of_text(text: str | None) -> slice:
+    """Rows A:B:C of a table.
+
+    Raises:
+        InputError: It is something else.
+    """
+    parts = (text or ":").split(":")
+    try:
+        numbers = [int(part) if part else None for part in parts]
+    except ValueError:
+        numbers = []
+    if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
+        raise InputError(brief(text), field="--frames", expected="A:B or A:B:C, such as 0:200:2")
+    return slice(*numbers)
+
+
+def check_rows(text: str, option: str) -> None:
+    """Refuse what are no rows of a table, as :func:`rows_of_text` does."""
+    rows_of_text(text)

@@ -11,8 +11,6 @@ from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs, check_reco
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
 
-GAIT = "poseppl_models.bodies.gait:gait_table"
-
 EXAMPLES = """
 \b
 Examples:
@@ -56,7 +54,8 @@ def fit_gait(
     check_inputs()
     check_writable([target], [recording, skeleton])
 
-    from poseppl.motion.bodies.body import load_builder
+    from poseppl_models.bodies.gait import gait_table
+
     from poseppl.motion.io import read_motion, slice_frames
 
     start_jax()
@@ -65,9 +64,8 @@ def fit_gait(
         ConsoleProgress(quiet).note(f"{recording}: {told}")
     if frames is not None:
         motion = slice_frames(motion, frames)
-    fit = load_builder(GAIT)
     try:
-        table = fit(motion, harmonics)
+        table = gait_table(motion, harmonics)
     except ValueError as error:
         raise InputError(str(error), file=recording) from error
     with atomic_path(target, inputs=[recording]) as temporary:

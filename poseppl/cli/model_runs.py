@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from poseppl.cli.checks import rows_of_text
 from poseppl.cli.options import chosen
 from poseppl.cli.remedies import as_option
-from poseppl.cli.run import rows_of_text
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError

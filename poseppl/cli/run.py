@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.checks import RATE, Checked, InputFile, check_code, check_inputs
+from poseppl.cli.checks import RATE, Checked, InputFile, check_code, check_inputs, check_rows
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, check_algorithm, settings_option
 from poseppl.errors import InputError, brief
@@ -144,26 +144,6 @@ def check_model(model: str, options: dict[str, Any]) -> None:
     check_inputs()
 
 
-def _check_rows(text: str, option: str) -> None:
-    rows_of_text(text)
-
-
-def rows_of_text(text: str | None) -> slice:
-    """Rows A:B:C of a table.
-
-    Raises:
-        InputError: It is something else.
-    """
-    parts = (text or ":").split(":")
-    try:
-        numbers = [int(part) if part else None for part in parts]
-    except ValueError:
-        numbers = []
-    if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
-        raise InputError(brief(text), field="--frames", expected="A:B or A:B:C, such as 0:200:2")
-    return slice(*numbers)
-
-
 @click.command(cls=CommandWithSettings, epilog=EXAMPLES, short_help="Run a filter of your own model on your own data.")
 @click.argument("model")
 @click.option(
@@ -175,7 +155,7 @@ def rows_of_text(text: str | None) -> slice:
 )
 @model_options
 @click.option(
-    "--frames", metavar="A:B:C", type=Checked(_check_rows), help="Rows A to B - 1 of the table in steps of C. [default: all]"
+    "--frames", metavar="A:B:C", type=Checked(check_rows), help="Rows A to B - 1 of the table in steps of C. [default: all]"
 )
 @click.option("--rate", metavar="HZ", type=RATE, help="Frames a second.")
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")

@@ -128,10 +128,10 @@ def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     check_writable([points, camera, truth], [recording, options["skeleton"], options["camera"]])
 
     from poseppl.motion.io import read_cameras, write_cameras, write_observations
-    from poseppl.motion.recordings.placing import cameras_of_records, records_of_cameras
     from poseppl.motion.recordings.truth import save_truth
     from poseppl.motion.tracking import observe_motion
-    from poseppl.motion.tracking.scene import observations_of_scene
+    from poseppl.motion.tracking.observations import observations_of_scene
+    from poseppl.motion.tracking.placing import cameras_of_records, records_of_cameras
 
     start_jax()
     subject = find_subject(recording, options, ConsoleProgress(options["quiet"]).note)

@@ -19,7 +19,8 @@ def find_subject(recording: str | None, options: dict[str, Any], note: Callable[
         options: Of the command.
         note: Prints what the file's reader assumed.
     """
-    from poseppl.motion.recordings.subjects import DEFAULT_MODEL, recorded_subject, walking_subject
+    from poseppl.motion.recordings.subjects import recorded_subject, walking_subject
+    from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 
     model = options["model"] or DEFAULT_MODEL
     if recording is None:
@@ -62,7 +63,7 @@ def check_noise(options: dict[str, Any]) -> None:
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """Cameras and their names: from a file, or placed around the subject."""
     from poseppl.motion.io import read_cameras
-    from poseppl.motion.recordings.placing import camera_names, cameras_around, cameras_of_records
+    from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 
     placed = {name: given for name, given in chosen(options, *OF_PLACED_CAMERAS).items() if given is not None}
     if options["camera"] is not None:

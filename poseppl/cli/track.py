@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from poseppl.cli.checks import InputFile, check_inputs, number
+from poseppl.cli.keypoint_words import words_of_keypoints
 from poseppl.cli.options import (
     OF_PLACED_CAMERAS,
     OF_RECORDINGS,
@@ -30,7 +31,6 @@ from poseppl.cli.track_keypoints import (
     keypoint_options,
     keypoint_scene,
     wants_points,
-    words_of_keypoints,
     write_exported,
 )
 from poseppl.cli.track_live import live_table, tell_lines_left, track_live
@@ -281,9 +281,9 @@ def _run(
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
     from poseppl.cli.files import tell_replaced
     from poseppl.motion.io import read_cameras
-    from poseppl.motion.recordings.subjects import DEFAULT_MODEL
     from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
+    from poseppl.motion.tracking.default_body import DEFAULT_MODEL
     from poseppl.motion.tracking.walk import ASSUMED_RATE
     from poseppl.runs.algorithms import FILTERS
 
@@ -332,9 +332,9 @@ def _run(
 
 def _choose_for_prior(options: dict[str, Any]) -> None:
     """Take the body that goes with a learned prior, where no other is asked for."""
-    from poseppl.motion.bodies.body import installed_builder
     from poseppl.motion.learned import read_motion_model
     from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
+    from poseppl.motion.tracking.recorded_model import installed_builder
 
     known = read_motion_model(options["prior"])
     if options["video"]:

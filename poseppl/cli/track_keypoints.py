@@ -8,11 +8,18 @@ from typing import Any
 import click
 
 from poseppl.cli.checks import Checked, InputFile, file_of_pair, known_name
+from poseppl.cli.keypoint_words import (
+    about_person,
+    calibration_of,
+    number_of_text,
+    numbers_of_cameras,
+    sizes_of_pictures,
+    words_of_keypoints,
+)
 from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.track_live import check_live_usage, live_options
 from poseppl.declarations import declared
 from poseppl.errors import InputError, PosepplError, brief
-from poseppl.files.decimal_numbers import decimal_number
 from poseppl.files.exchange_formats import files_of
 
 LAYOUTS = ("coco17", "coco18", "body25", "body25b", "halpe26", "mediapipe33")
@@ -38,7 +45,7 @@ _ONLY = (
 def _check_unit(unit: str, option: str) -> None:
     known = declared("poseppl.motion.io.length_units", "MM_PER_UNIT")
     expected = f"{', '.join(known)}, or a number of mm from 0.000001 to 1000000"
-    if unit not in known and not 1e-6 <= _number(unit, option, expected) <= 1e6:
+    if unit not in known and not 1e-6 <= number_of_text(unit, option, expected) <= 1e6:
         raise InputError(brief(unit), field=option, expected=expected)
 
 
@@ -151,46 +158,6 @@ keypoint_options = option_group(
 """The same, and what is made of them."""
 
 
-def words_of_keypoints(words: tuple[str, ...]) -> dict[str, str]:
-    """Files and folders by camera.
-
-    Raises:
-        InputError: A word is no CAMERA=FILE, or names a camera again.
-    """
-    return _by_camera(words, "--keypoints", "CAMERA=FILE, such as cam1=pose/cam1_json")
-
-
-def numbers_of_cameras(words: tuple[str, ...] | None, option: str) -> dict[str, float]:
-    """Numbers by camera.
-
-    Raises:
-        InputError: A word is no CAMERA=NUMBER, or names a camera again.
-    """
-    expected = "CAMERA=NUMBER, such as cam2=3.5"
-    found = _by_camera(words or (), option, expected)
-    return {camera: _number(text, option, expected) for camera, text in found.items()}
-
-
-def _number(text: str, option: str, expected: str) -> float:
-    """A finite number of at most 1e9."""
-    value = decimal_number(text.strip())
-    if value is None or not abs(value) <= 1e9:
-        raise InputError(f"{brief(text)} is not a number", field=option, expected=expected)
-    return value
-
-
-def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for word in words:
-        camera, equals, value = str(word).partition("=")
-        if not (camera and equals and value):
-            raise InputError(brief(word), field=option, expected=expected)
-        if camera in found:
-            raise InputError(f"the camera {brief(camera)} comes twice", field=option, expected="each camera once")
-        found[camera] = value
-    return found
-
-
 def _clocks(options: dict[str, Any]) -> Any:
     from poseppl.motion.keypoints.sources import Clocks
     from poseppl.motion.tracking.walk import ASSUMED_RATE
@@ -219,7 +186,7 @@ def check_source_words(options: dict[str, Any]) -> None:
     words_of_keypoints(options["keypoints"])
     numbers_of_cameras(options["offset"], "--offset")
     _rates(options)
-    _sizes(options)
+    sizes_of_pictures(options)
 
 
 def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
@@ -298,49 +265,6 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     for note in found.notes():
         progress.note(note)
     return found
-
-
-def calibration_of(options: dict[str, Any]) -> Any:
-    """The calibration, with the unit, the axis that is up and the sizes of pictures that the options give.
-
-    Raises:
-        InputError: The file or an option cannot be used.
-    """
-    from poseppl.motion.io import read_calibration
-    from poseppl.motion.io.camera_fields import with_size
-
-    found, sizes = read_calibration(options["calibration"], options["unit"], options.get("up")), _sizes(options)
-    for camera in sizes:
-        if camera not in (known := [record.name for record in found.cameras]):
-            raise InputError(f"no camera {camera!r} in the calibration", field="--image-size", expected=", ".join(known))
-    cameras = (with_size(record, sizes.get(record.name, record.size)) for record in found.cameras)
-    return found._replace(cameras=tuple(cameras))
-
-
-def _sizes(options: dict[str, Any]) -> dict[str, tuple[int, int]]:
-    """Width and height of the pictures of some cameras, px."""
-    sizes = {}
-    for camera, text in _by_camera(options["image_size"] or (), "--image-size", "CAMERA=WxH, such as cam2=960x540").items():
-        width, _, height = text.lower().partition("x")
-        if not all(
-            side.isascii() and side.isdigit() and len(side) < 7 and 1 <= int(side) <= 100_000 for side in (width, height)
-        ):
-            raise InputError(f"{camera}={brief(text)}", field="--image-size", expected="CAMERA=WxH in px, such as cam2=960x540")
-        sizes[camera] = (int(width), int(height))
-    return sizes
-
-
-def about_person(options: dict[str, Any]) -> dict[str, Any]:
-    """Arguments that tell of the person, its keypoints and their errors."""
-    from poseppl.motion.keypoints.detector_files import read_detector_errors
-
-    known = options["detector_errors"]
-    return {
-        **chosen(options, "layout", "noise", "stature", "lengths"),
-        "person": options["person"] or 1,
-        "refine": not options["keep_calibration"],
-        "detector_errors": None if known is None else read_detector_errors(known),
-    }
 
 
 def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:

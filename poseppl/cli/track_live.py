@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.keypoint_words import about_person, calibration_of, words_of_keypoints
 from poseppl.cli.live_table import LiveTable
 from poseppl.cli.options import option_group, refuse
 from poseppl.errors import InputError, PosepplError
@@ -125,7 +126,6 @@ class _Follower:
     """The frames on their way from the folders to the table."""
 
     def __init__(self, options: dict[str, Any], settings: Any, rate: float | None, table: LiveTable, progress: Any) -> None:
-        from poseppl.cli.track_keypoints import calibration_of, words_of_keypoints
         from poseppl.motion.io.growing_folders import GrowingFolders
         from poseppl.motion.keypoints.sources import check_cameras
 
@@ -170,7 +170,6 @@ class _Follower:
 
     def _begin(self) -> None:
         """Filter the first frames, and find what the others need."""
-        from poseppl.cli.track_keypoints import about_person
         from poseppl.motion.keypoints.live import LiveTrack
 
         options, self.first = self._options, len(self._waiting)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from poseppl.cli.keypoint_words import calibration_of, words_of_keypoints
 from poseppl.cli.options import refuse
-from poseppl.cli.track_keypoints import calibration_of, words_of_keypoints
 
 _BODYS = (
     "layout",

@@ -82,8 +82,9 @@ def _refuse(options: dict[str, Any]) -> None:
 def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:
     """The toes of a recording, which the body that is tracked does not have."""
     from poseppl.motion.io import read_motion
-    from poseppl.motion.recordings.subjects import DEFAULT_MODEL, chosen_motion
+    from poseppl.motion.recordings.subjects import chosen_motion
     from poseppl.motion.rendering import find_toes
+    from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 
     if recording is None:
         return {}

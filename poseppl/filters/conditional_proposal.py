@@ -20,7 +20,7 @@ from jax import Array
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.local_proposal import local_proposal
 from poseppl.program import Clamped, CompiledModel, Observation
-from poseppl.program.clamped import ClampedModel
+from poseppl.program.clamped import ClampedModel, clamp
 from poseppl.program.population import draw_initial, log_initials, log_transitions, propagate
 
 
@@ -79,7 +79,7 @@ def conditional_model(model: CompiledModel) -> ClampedModel:
     if not real or isinstance(model, ClampedModel):
         what = "is clamped" if real else "has finite sites alone"
         raise UnsuitableModelError(f"The model {what}: its finite sites cannot be given for a proposal. Use a particle filter.")
-    return model.clamp(real)
+    return clamp(model, real)
 
 
 def _check_order(model: CompiledModel, which: str, previous: Array | None, inputs: Any) -> None:

@@ -29,7 +29,7 @@ Example:
 
 from poseppl.program.bijector import Site as Site
 from poseppl.program.bounded import Bounded as Bounded, bounded as bounded
-from poseppl.program.clamped import Clamped as Clamped, ClampedModel as ClampedModel
+from poseppl.program.clamped import Clamped as Clamped, ClampedModel as ClampedModel, clamp as clamp
 from poseppl.program.closed_forms import (
     SummedDensity as SummedDensity,
     WhitenedJacobian as WhitenedJacobian,

@@ -28,8 +28,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.program.compiled import CompiledModel
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -73,7 +71,7 @@ def _is_tracing() -> bool:
 
 
 def _with_model(result: Any, owner: Any) -> Any:
-    nameless = isinstance(owner, CompiledModel) and getattr(result, "model", owner) is None
+    nameless = hasattr(owner, "programs") and getattr(result, "model", owner) is None  # of a compiled model
     return dataclasses.replace(result, model=owner) if nameless else result
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -50,12 +50,8 @@ from poseppl.program.normal_sites import joint_normal
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
 from poseppl.program.resolution import Resolution
-from poseppl.program.schema import Declared
+from poseppl.program.schema import Declared, Programs
 from poseppl.program.state_moments import MomentsForm, moments_form, same_frame_dependence, state_moments
-
-if TYPE_CHECKING:
-    from poseppl.program.clamped import ClampedModel
-    from poseppl.program.model import StateSpaceModel
 
 Inputs = Any
 
@@ -82,7 +78,7 @@ class CompiledModel:
         dependent: How data sites depend on one another within a frame; None if they do not.
     """
 
-    programs: StateSpaceModel
+    programs: Programs
     sites: dict[str, Site]
     observation_sites: dict[str, Declared]
     randomness: dict[str, Randomness]
@@ -442,12 +438,3 @@ class CompiledModel:
         """One frame of data of which nothing was seen: everything masked, over safe values."""
         values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
         return Observation(values, {name: jnp.zeros(value.shape, bool) for name, value in values.items()})
-
-    def clamp(self, free: Sequence[int | str]) -> ClampedModel:
-        """The model of the coordinates `free` (indices or names) with the others given; see `ClampedModel`.
-
-        The values of the others are inputs, and equal coordinates give the same model, so that it compiles once.
-        """
-        from poseppl.program.clamped import clamp
-
-        return clamp(self, free)

@@ -8,8 +8,8 @@ with what the initial program declares. Every error names the site, what was fou
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,26 @@ from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program, unwrap
 from poseppl.program.explanation import explained, suggestion
 from poseppl.program.normal_sites import is_plain
+
+
+class Programs(Protocol):
+    """Three NumPyro programs, and a fourth or None, as :class:`poseppl.program.StateSpaceModel` describes them."""
+
+    @property
+    def initial(self) -> Callable[[Any, Any], Any]:
+        """Samples the state at the first frame."""
+
+    @property
+    def transition(self) -> Callable[[Any, dict[str, Any], Any], Any]:
+        """Samples the state at a later frame."""
+
+    @property
+    def observation(self) -> Callable[[Any, dict[str, Any], Any], Any]:
+        """Samples the data."""
+
+    @property
+    def parameters(self) -> Callable[[], Any] | None:
+        """Samples what does not change over time."""
 
 
 class Declared(NamedTuple):

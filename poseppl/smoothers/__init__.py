@@ -17,17 +17,17 @@ from poseppl.smoothers.fixed_lag import (
 )
 from poseppl.smoothers.forward_backward import forward_backward_smoother as forward_backward_smoother
 from poseppl.smoothers.genealogy import genealogy_smoother as genealogy_smoother
-from poseppl.smoothers.gibbs import gibbs_smoother as gibbs_smoother
 from poseppl.smoothers.laplace import laplace_smoother as laplace_smoother
-from poseppl.smoothers.likelihood_mixture import MixtureSettings as MixtureSettings
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh
-from poseppl.smoothers.particle_mgrad import particle_mgrad_smoother as particle_mgrad_smoother
+from poseppl.smoothers.published.gibbs import gibbs_smoother as gibbs_smoother
+from poseppl.smoothers.published.likelihood_mixture import MixtureSettings as MixtureSettings
+from poseppl.smoothers.published.particle_mgrad import particle_mgrad_smoother as particle_mgrad_smoother
+from poseppl.smoothers.published.two_filter import two_filter_smoother as two_filter_smoother
+from poseppl.smoothers.published.variational import variational_smoother as variational_smoother
 from poseppl.smoothers.rauch_tung_striebel import (
     rauch_tung_striebel_smoother as rauch_tung_striebel_smoother,
     smoothed_moments as smoothed_moments,
 )
 from poseppl.smoothers.trajectory import trajectory_smoother as trajectory_smoother
-from poseppl.smoothers.two_filter import two_filter_smoother as two_filter_smoother
-from poseppl.smoothers.variational import variational_smoother as variational_smoother
 from poseppl.smoothers.viterbi import viterbi_smoother as viterbi_smoother

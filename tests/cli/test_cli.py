@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import signal
 import subprocess
@@ -14,6 +15,9 @@ import pytest
 from waiting import PATIENCE, wait_until
 
 from poseppl.cli import main
+from poseppl.motion.io.motion import Motion
+from poseppl.motion.io.trc import write_trc
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.silhouettes.video_sources import read_scene_truth
 from poseppl.runs.results import load_result, provenance
 
@@ -53,6 +57,16 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
+
+
+def test_a_gait_is_fitted_with_so_many_harmonics() -> None:
+    walker = walking_subject(frames="0:48")
+    motion = Motion(walker.body.tree.marker_names, walker.markers, (), walker.rate, "walk")
+    write_trc("walk.trc", motion, walker.frames / walker.rate, walker.frames)
+    assert main(["fit-gait", "walk.trc", "--harmonics", "2", "-o", "gait.json", "--quiet"]) == 0
+    gait = json.loads(Path("gait.json").read_text())
+    assert gait["period"] == pytest.approx(1.1, abs=0.02)
+    assert {len(row) for row in gait["coefficients"].values()} == {1 + 2 * 2}
 
 
 @pytest.mark.full

@@ -14,8 +14,9 @@ from balancing_options import words
 from waiting import PATIENCE
 
 from poseppl.cli import main
+from poseppl.cli.keypoint_words import calibration_of
 from poseppl.cli.subject import stem_of
-from poseppl.cli.track_keypoints import calibration_of, exported_targets
+from poseppl.cli.track_keypoints import exported_targets
 from poseppl.cli.track_smooth import smoothed_target
 from poseppl.motion.io import CameraRecord, open_video, write_cameras
 from poseppl.motion.io.trc import read_trc

@@ -67,10 +67,10 @@ def test_every_page_is_in_the_contents_once() -> None:
 
 
 def test_links_of_the_repository_hold_on_the_site() -> None:
-    there = {"docs/verdicts.md", "reference/poseppl.filters.hmc.rst", "reference/poseppl_models.toys.growth.rst"}
+    there = {"docs/verdicts.md", "reference/poseppl.filters.published.hmc.rst", "reference/poseppl_models.toys.growth.rst"}
     page = Path("docs/choosing.md")
     for link, expected in {
-        "[hmc](../poseppl/filters/hmc.py)": "[hmc](../reference/poseppl.filters.hmc.rst)",
+        "[hmc](../poseppl/filters/published/hmc.py)": "[hmc](../reference/poseppl.filters.published.hmc.rst)",
         "[growth](../models/poseppl_models/toys/growth.py)": "[growth](../reference/poseppl_models.toys.growth.rst)",
         "[a](verdicts.md#b)": "[a](verdicts.md#b)",
         "[laws](../tests/catalogue.py)": "laws",
@@ -102,6 +102,6 @@ def test_every_export_has_a_page_and_every_algorithm_its_settings() -> None:
     for each in algorithms():
         told = "\n".join(glance(each.builder.__module__))
         assert f"{each.name}`." in told and all(f"`{name}`" in told for name in each.settings)
-    assert ":when it fails:" in "\n".join(glance("poseppl.filters.hmc")) and ":laws:" in "\n".join(
-        glance("poseppl.filters.hmc")
+    assert ":when it fails:" in "\n".join(glance("poseppl.filters.published.hmc")) and ":laws:" in "\n".join(
+        glance("poseppl.filters.published.hmc")
     )

@@ -15,7 +15,7 @@ from poseppl.filters.window import covariance_inflation
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
-from poseppl.program import Clamped, Observation
+from poseppl.program import Clamped, Observation, clamp
 
 SHORT = HMCSettings(num_updates=30, num_leapfrog=8, num_warmup=10)
 
@@ -39,7 +39,7 @@ def arm_scene():
         paper_camera((0, -5000, 1000)), jnp.full((1, 17), body.noise), truth, *2 * (jnp.full(28, 0.15),), body.tree
     )
     full = body.program.compile(inputs=inputs, params=body.params)
-    model = full.clamp(body.free_coordinates)
+    model = clamp(full, body.free_coordinates)
     clamped = Clamped(inputs, truth, truth)
     points = full.sample_observation(jax.random.key(7), truth, inputs)
     return model, Observation(points, {"points": jnp.ones(points["points"].shape, bool)}), clamped

@@ -13,7 +13,7 @@ from oracles.kalman import KalmanResult, kalman_filter, rauch_tung_striebel
 from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 from smoothing_problems import Smoothing
 
-from poseppl.program import Clamped, StateSpaceModel
+from poseppl.program import Clamped, StateSpaceModel, clamp
 
 COUNTS = np.array([3.0, 9.0, np.nan, 1.0])
 
@@ -129,7 +129,7 @@ def clamped():
     full = pushed().compile()
     trajectory = np.concatenate([known[:, None], np.zeros((4, 2))], 1)
     given = Clamped.of_trajectory(jnp.asarray(trajectory, jnp.float32), None)
-    return Problem(free, full.clamp(["x"]), full.observe({"y": ys}), given, exact)
+    return Problem(free, clamp(full, ["x"]), full.observe({"y": ys}), given, exact)
 
 
 def clamped_and_smoothed():

@@ -20,8 +20,8 @@ from poseppl.errors import PosepplError
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree, look_at, marker_positions
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.rendering import Stage, build_setting
+from poseppl.motion.tracking.placing import cameras_of_records
 
 pytestmark = pytest.mark.full
 

@@ -23,8 +23,8 @@ from poseppl_papers.tables import Table
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.learned import FactoredTables, bin_angles, root_places
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.tracking.marker_errors import virtual_markers
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 BODY = peursum_body()
 NAMES = ("Simple-PF, 10,000", "FSHHMM-PF, 1,000")

@@ -11,7 +11,7 @@ import pytest
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.filters import particle_filter
-from poseppl.program import Clamped, CompiledModel, StateSpaceModel
+from poseppl.program import Clamped, CompiledModel, StateSpaceModel, clamp
 from poseppl.runs.run import run_filter
 
 FREE = ("a", "c")
@@ -58,16 +58,16 @@ def log_normal(x, mean, scale):
 
 
 def test_it_is_a_compiled_model(full):
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     assert isinstance(clamped, CompiledModel)
     assert clamped.dimension == 3
     assert clamped.coordinate_names == ("a", "c[0]", "c[1]")
-    assert full.clamp([3, "a", "c[1]"]).coordinate_names == clamped.coordinate_names
+    assert clamp(full, [3, "a", "c[1]"]).coordinate_names == clamped.coordinate_names
 
 
 def test_densities_are_those_of_the_free_sites(full, inputs):
     """The likelihood is the full model's; what is clamped adds nothing to the state's density."""
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     data = full.observe({"y": np.arange(4.0)})
     mean = A @ FULL_PREVIOUS + 1.0
     for found, expected in [
@@ -82,7 +82,7 @@ def test_densities_are_those_of_the_free_sites(full, inputs):
 
 def test_draws_are_those_of_their_moments(full, inputs):
     """The site that depends on a clamped one of its frame is moved by it; in the full model both vary together."""
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     mean, covariance = clamped.transition_moments(PREVIOUS, inputs)
     expected = (A @ FULL_PREVIOUS + 1.0)[INDICES] + jnp.array([1.0, 0.0, 0.0])
     np.testing.assert_allclose(mean, expected, rtol=1e-5)
@@ -97,7 +97,7 @@ def test_draws_are_those_of_their_moments(full, inputs):
 
 @pytest.mark.full
 def test_summaries_of_the_data_are_blocks(full, inputs):
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     data = full.observe({"y": np.arange(4.0)})
     jacobian = full.observation_jacobian(FULL_X, inputs.inputs)
     np.testing.assert_allclose(clamped.observation_jacobian(X, inputs), jacobian[:, INDICES], rtol=1e-6)
@@ -108,7 +108,7 @@ def test_summaries_of_the_data_are_blocks(full, inputs):
 
 @pytest.mark.full
 def test_gradient_is_that_of_the_free(full, inputs):
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     data = full.observe({"y": np.arange(4.0)})
     found = jax.grad(clamped.log_observation)(X, data, inputs)
     expected = jax.grad(full.log_observation)(FULL_X, data, inputs.inputs)
@@ -117,7 +117,7 @@ def test_gradient_is_that_of_the_free(full, inputs):
 
 @pytest.mark.full
 def test_a_filter_runs_on_it(full):
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     rng = np.random.default_rng(0)
     data = full.observe({"y": rng.normal(size=(2, 4))})
     inputs = Clamped.of_trajectory(rng.normal(size=(2, 5)), rng.normal(size=(2, 1)))
@@ -131,7 +131,7 @@ def test_a_filter_runs_on_it(full):
 
 def test_what_is_clamped_to_other_values_is_the_same_program(full):
     """Models of the same free sites are one, and so are their filters: another recording's values trace nothing anew."""
-    assert full.clamp(FREE) is full.clamp([3, "a", "c[1]"]) and full.clamp(FREE) is not full.clamp(["b"])
+    assert clamp(full, FREE) is clamp(full, [3, "a", "c[1]"]) and clamp(full, FREE) is not clamp(full, ["b"])
     traced = []
 
     def counted(params, state, inputs):
@@ -146,14 +146,14 @@ def test_what_is_clamped_to_other_values_is_the_same_program(full):
 
     for _ in range(2):
         values = Clamped.of_trajectory(rng.normal(size=(3, 5)), np.zeros((3, 1)))
-        run = run_filter(particle_filter(whole.clamp(FREE), 50), jax.random.key(0), data, values, collect=collect)
+        run = run_filter(particle_filter(clamp(whole, FREE), 50), jax.random.key(0), data, values, collect=collect)
         evidence.append(float(run.info.log_evidence.sum()))
         counts.append(len(traced))
     assert counts[0] == counts[1] and evidence[0] != evidence[1]
 
 
 def test_other_params():
-    clamped = linear_gaussian(2).compile(params=1.0).clamp(["x"]).with_params(2.0)
+    clamped = clamp(linear_gaussian(2).compile(params=1.0), ["x"]).with_params(2.0)
     assert clamped.params == clamped.full.params == 2.0
 
 
@@ -161,15 +161,15 @@ def test_other_params():
 @pytest.mark.parametrize("free", [[], [0, 0], [5], [-1], ["x[7]"], ["b[0]"], ["a", 0]])
 def test_refused(full, free):
     with pytest.raises(ValueError, match="free"):
-        full.clamp(free)
+        clamp(full, free)
 
 
 @pytest.mark.full
 def test_refused_inputs_and_clamping_twice(full):
     with pytest.raises(ValueError, match="inputs of type NoneType. Expected Clamped"):
-        full.clamp(FREE).log_initial(X, None)
+        clamp(full, FREE).log_initial(X, None)
     with pytest.raises(ValueError, match="clamped already"):
-        full.clamp(FREE).clamp(["a"])
+        clamp(clamp(full, FREE), ["a"])
 
 
 @pytest.mark.full
@@ -177,7 +177,7 @@ def test_a_trajectory_is_given_with_the_state_before_each(full):
     """The log-density of the free sites of three frames, given the others, by the formula."""
     rng = np.random.default_rng(5)
     states, given = rng.normal(size=(3, 5)), rng.normal(size=(3, 1))
-    clamped = full.clamp(FREE)
+    clamped = clamp(full, FREE)
     unseen = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), full.unobserved())
     found = clamped.log_joint(jnp.asarray(states)[:, INDICES], unseen, Clamped.of_trajectory(states, jnp.asarray(given)))
     expected = log_normal(states[0, 0], given[0, 0], 1.0) + log_normal(states[0, 3:], 1.0, 2.0)

@@ -11,7 +11,7 @@ import pytest
 
 from poseppl.filters.hidden_markov import state_values
 from poseppl.program import StateSpaceModel
-from poseppl.program.clamped import Clamped
+from poseppl.program.clamped import Clamped, clamp
 
 STOCK = np.array([30_000_001, 7, 2**31 - 100], np.int32)
 """Of three shops, of which the last is near the largest integer."""
@@ -92,13 +92,13 @@ def test_a_clamped_model_has_the_layout_of_the_full_one():
     model = SHOPS.compile()
     x = model.sample_initial(jax.random.key(1))
     moved = model.sample_transition(jax.random.key(2), x)
-    free = model.clamp(["sold", "stock"])
+    free = clamp(model, ["sold", "stock"])
     assert free.coordinate_names == model.coordinate_names[1:]
     inputs = Clamped(None, moved, x)
     np.testing.assert_array_equal(free.to_sites(moved[1:], inputs)["stock"], model.to_sites(moved)["stock"])
     drift = dist.Normal(x[0], 0.1).log_prob(moved[0])
     np.testing.assert_allclose(free.log_transition(moved[1:], x[1:], inputs), model.log_transition(moved, x) - drift, rtol=1e-4)
-    given = model.clamp(["drift"])
+    given = clamp(model, ["drift"])
     assert given.log_transition(moved[:1], x[:1], inputs) == pytest.approx(float(drift), rel=1e-5)
 
 

@@ -15,9 +15,9 @@ from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.errors import InputError
 from poseppl.filters import particle_filter
-from poseppl.motion.recordings.placing import place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track
+from poseppl.motion.tracking.placing import place_cameras
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.outcome import result_of_run
 from poseppl.runs.results import load_result, save_result

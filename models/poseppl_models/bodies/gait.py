@@ -53,11 +53,12 @@ def walk(rate: float = 60.0, num_frames: int = 120) -> Walk:
     return Walk(gait.at(np.arange(num_frames) / rate), dict(lengths))
 
 
-def gait_table(motion: Motion) -> dict[str, Any]:
+def gait_table(motion: Motion, num_harmonics: int = NUM_HARMONICS) -> dict[str, Any]:
     """Fit body and gait to a recorded walk; what ``walk.json`` holds.
 
     Args:
         motion: A walk along a straight line, at least 1.1 cycles.
+        num_harmonics: Of the cycle.
 
     Returns:
         The gait's table (:func:`poseppl.motion.bodies.gait_fit.to_table`) and ``lengths`` in mm.
@@ -67,7 +68,7 @@ def gait_table(motion: Motion) -> dict[str, Any]:
         ValueError: It is too short or does not move.
     """
     subject = fit_subject(motion, full_body)
-    gait = fit_gait(subject.states, motion.rate, NUM_HARMONICS)
+    gait = fit_gait(subject.states, motion.rate, num_harmonics)
     lengths = {name: round(length, 1) for name, length in subject.body.lengths.items()}
     return {"lengths": lengths, **to_table(gait, subject.body.tree.coordinate_names)}
 

@@ -20,9 +20,9 @@ from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, paper_camera, project
 from poseppl.motion.io import read_motion
-from poseppl.motion.recordings.placing import cameras_around
 from poseppl.motion.recordings.subjects import WALK_FRAMES, recorded_subject, walking_subject
 from poseppl.motion.tracking import Scene, make_problem
+from poseppl.motion.tracking.placing import cameras_around
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.scene import noise_of

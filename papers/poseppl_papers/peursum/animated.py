@@ -25,8 +25,8 @@ from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.io import slice_frames
 from poseppl.motion.io.opencv import Image, opencv
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.vision import FeatureSettings, background_from_plate, extract
 from poseppl_papers.images.systems import Problem, System
 from poseppl_papers.peursum.training import BODY, motion_at

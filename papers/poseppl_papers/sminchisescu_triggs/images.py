@@ -17,8 +17,8 @@ from poseppl.jobs import Job
 from poseppl.motion.bodies.body import BodyInputs, load_builder
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.io import CameraRecord
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.rendering import Stage, build_setting
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl_papers.recordings import BUILT_IN
 from poseppl_papers.runs import stacked
 from poseppl_papers.sminchisescu_triggs.motions import moving

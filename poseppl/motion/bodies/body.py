@@ -4,14 +4,13 @@ A model is named by a string, ``package.module:builder`` or ``path/to/file.py:bu
 point of the group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard
 subject, and returns a :class:`Body`.
 
-To import is to run code. So :func:`body_builder` is for names that the user gives, and :func:`installed_builder` for names that
-are found in files.
+To import is to run code. So :func:`body_builder` is for names that the user gives, and
+:func:`poseppl.motion.tracking.recorded_model.installed_builder` for names that are found in files.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -31,12 +30,8 @@ from poseppl.motion.geometry.flesh import Flesh
 from poseppl.motion.io.text_parsing import some
 from poseppl.program import CompiledModel, StateSpaceModel
 
-_SHIPPED = "poseppl_models"
 _GROUP = "poseppl.models"
 _BUILDER = "a function of segment lengths (None for those of a standard subject) that returns a Body"
-
-DEFAULT_MODEL = "poseppl_models.bodies.choo_fleet:full_body"
-"""The body that is tracked by default; resolved when it is used."""
 
 
 class Body(NamedTuple):
@@ -205,7 +200,7 @@ def load_builder(name: str) -> Callable[..., Any]:
     Raises:
         InputError: The name has no colon and is no entry point, or the module or the function is not found.
     """
-    place, colon, attribute = _entry_points().get(name, name).rpartition(":")
+    place, colon, attribute = entry_point_builders().get(name, name).rpartition(":")
     if not colon:
         raise InputError(
             f"{brief(name)} names no builder", field="--model", expected="package.module:builder or file.py:builder"
@@ -235,20 +230,9 @@ def body_builder(name: str) -> Callable[[Mapping[str, float] | None], Body]:
     return build
 
 
-def installed_builder(name: str) -> Callable[..., Body]:
-    """Resolve the name of a body that is installed as one, and no other; nothing else is imported.
-
-    Installed are the ``BODIES`` of ``poseppl_models`` and the entry points of the group ``poseppl.models``.
-
-    Raises:
-        InputError: No such body is installed.
-    """
-    shipped: tuple[str, ...] = importlib.import_module(_SHIPPED).BODIES
-    others = _entry_points()
-    if name not in (*shipped, *others, *others.values()):
-        problem = f"the file names the model {brief(name)}, which is none of the installed ones, and so is not run"
-        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model BUILDER")
-    return body_builder(name)
+def name_of_builder(build: Callable[..., Any]) -> str:
+    """The name by which :func:`load_builder` finds a builder that is a function of a module."""
+    return f"{build.__module__}:{build.__qualname__}"
 
 
 def source_of_model(name: str) -> str | None:
@@ -259,6 +243,6 @@ def source_of_model(name: str) -> str | None:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
-def _entry_points() -> dict[str, str]:
+def entry_point_builders() -> dict[str, str]:
     """``package.module:builder`` by the name of the entry point."""
     return {entry.name: entry.value for entry in entry_points(group=_GROUP)}

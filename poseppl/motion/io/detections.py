@@ -8,12 +8,13 @@ where x and y are both 0, as OpenPose has it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import Location, brief
+from poseppl.errors import InputError, Location, brief
 from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
 
 MAX_FRAMES = 1_000_000
@@ -22,6 +23,8 @@ MAX_POINTS = 1_000
 """Of one person."""
 MAX_VALUES = 40_000_000
 """Numbers in a camera's table: frames x people x points x 3."""
+FAR_OUTSIDE = 1.0
+"""A point farther outside of the picture than this share of its width or height is none."""
 
 
 class DetectedPeople(NamedTuple):
@@ -132,3 +135,33 @@ def check_names(names: Sequence[str], kind: str, at: Location) -> None:
         if not 0 < len(name) <= LONGEST:
             raise at.error(f"{brief(name)} as a name of {kind}", f"1 to {LONGEST} characters")
     check_distinct(names, kind, at)
+
+
+def check_different(found: Mapping[str, DetectedPeople]) -> None:
+    """Check that no two cameras saw the same to the last digit: one file was given to both.
+
+    Raises:
+        InputError: Two did.
+    """
+    for one, other in combinations(found, 2):
+        if np.array_equal(found[one].points, found[other].points, equal_nan=True):
+            problem = f"{one} and {other} have the same points in all frames"
+            raise InputError(problem, field="--keypoints", expected="a file of its own for each camera")
+
+
+def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:
+    """Take away points that lie far outside of the picture, and tell of them."""
+    extent = np.array(size, float)
+    with np.errstate(invalid="ignore"):
+        far = (found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)
+    stray = np.any(far, axis=-1)
+    if not stray.any():
+        return found, []
+    t, p, k = np.argwhere(stray)[0]
+    x, y = found.points[t, p, k]
+    note = (
+        f"{name}: {stray.sum()} points lie far outside of its picture of {size[0]} x {size[1]} px and count as not seen, "
+        f"the first in frame {found.frames[t]}, {found.names[k]}, at ({x:.4g}, {y:.4g})"
+    )
+    points = np.where(stray[..., None], np.nan, found.points)
+    return found._replace(points=points, confidence=np.where(stray, 0.0, found.confidence)), [note]

@@ -20,7 +20,7 @@ from poseppl.motion.geometry.triangulation import nearest_points, ray_distances,
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import scaled
 from poseppl.motion.io.length_units import MM_PER_UNIT
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 STATURE = 1.75
 """Metres, of the body that the segments below are of."""

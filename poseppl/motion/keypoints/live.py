@@ -19,12 +19,14 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, DetectedPeople
+from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.growing_folders import KeypointFrame
-from poseppl.motion.keypoints.assumed_stature import ATTRIBUTE, along_rays, stature_draws
-from poseppl.motion.keypoints.frame_people import first_people, laid_out, nobody
+from poseppl.motion.io.json_people import same_points
+from poseppl.motion.io.layout_guess import with_layout
 from poseppl.motion.keypoints.people import FollowedPerson
 from poseppl.motion.keypoints.scene import noise_of_points, scene_of_keypoints, with_markers
-from poseppl.motion.keypoints.sources import Clocks, points_of, without_strays
+from poseppl.motion.keypoints.sources import Clocks, points_of
+from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, along_rays, stature_draws
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import with_frames
 from poseppl.motion.tracking.track import Tracking, TrackSettings, prepare
@@ -93,7 +95,7 @@ class LiveTrack:
         **more: Any,
     ) -> None:
         self._note, self._rate = note, rate or ASSUMED_RATE
-        people = first_people(dict(folders), first, layout)
+        people = _first_people(dict(folders), first, layout)
         clocks = Clocks(self._rate, find=False)
         self._noise: float | None = more.get("noise")
         self._found = found = scene_of_keypoints(people, calibration, clocks=clocks, rate=rate, mend=False, **more)
@@ -174,9 +176,9 @@ class LiveTrack:
 
     def _people(self, name: str, size: Sequence[int], people: list[Floats] | None, number: int) -> DetectedPeople:
         """Whom a camera sees in a frame: nobody where its file cannot be used, which is told."""
-        found = nobody([number], self._layout, self._names)
+        found = _nobody([number], self._layout, self._names)
         try:
-            found = laid_out({number: people or []}, self._layout, Location(field=name)) or found
+            found = _laid_out({number: people or []}, self._layout, Location(field=name)) or found
         except InputError as error:
             self._note(f"frame {number}: {error}; {name} sees nobody there")
         found, told = without_strays(found, (size[0], size[1]), name)
@@ -192,3 +194,38 @@ def _last_known(places: Floats) -> Floats:
     for place in places:
         last = np.where(np.isfinite(place), place, last)
     return last
+
+
+def _first_people(
+    folders: Mapping[str, FilePath], frames: Sequence[KeypointFrame], layout: str | None
+) -> dict[str, DetectedPeople]:
+    """What the cameras saw in the first frames.
+
+    Raises:
+        InputError: Nobody was seen, or people have different points, or points of no layout.
+    """
+    found = {}
+    for camera, (name, folder) in enumerate(folders.items()):
+        people = {frame.number: frame.people[camera] or [] for frame in frames}
+        found[name] = _laid_out(people, layout, Location(folder))
+    known = next((each for each in found.values() if each is not None), None)
+    if known is None:
+        raise InputError(f"nobody was found in any of {len(frames)} frames", field="--keypoints", expected="a person")
+    numbers = [frame.number for frame in frames]
+    return {name: each or _nobody(numbers, known.layout, known.names) for name, each in found.items()}
+
+
+def _laid_out(people: Mapping[int, list[Floats]], layout: str | None, at: Location) -> DetectedPeople | None:
+    """People of frames that follow each other; None where there is nobody.
+
+    Raises:
+        InputError: They have different points, or points of no layout.
+    """
+    seen = {number: [each for each in found if np.nan_to_num(each[:, :2]).any()] for number, found in people.items()}
+    return with_layout(same_points(seen, at), layout, at) if any(seen.values()) else None
+
+
+def _nobody(frames: Sequence[int], layout: str, names: tuple[str, ...]) -> DetectedPeople:
+    """Frames in which nobody is."""
+    shape = len(frames), 1, len(names)
+    return DetectedPeople(np.full((*shape, 2), np.nan), np.zeros(shape), np.array(frames), layout, names)

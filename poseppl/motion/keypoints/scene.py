@@ -4,7 +4,7 @@ Small errors of the cameras' poses are found first (:mod:`poseppl.motion.keypoin
 is what remains between its points and the projections of the places that all cameras' rays pass by; or that of a detector whose
 errors are known (:mod:`poseppl.motion.keypoints.detector_errors`). A single camera does not tell its noise
 (:mod:`poseppl.motion.keypoints.single_camera`). Segment lengths are measured in those places, too; one camera's person is
-assumed to be of any adult's stature (:mod:`poseppl.motion.keypoints.assumed_stature`).
+assumed to be of any adult's stature (:mod:`poseppl.motion.tracking.assumed_stature`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.frame_range import FrameRange
-from poseppl.motion.bodies.body import DEFAULT_MODEL, Body, body_builder
+from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.keypoints.assumed_stature import ATTRIBUTE
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.calibration_units import infer_unit
 from poseppl.motion.keypoints.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
@@ -37,8 +36,10 @@ from poseppl.motion.keypoints.people import choose_person
 from poseppl.motion.keypoints.single_camera import noise_in_one_camera
 from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.assumed_stature import ATTRIBUTE
 from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE

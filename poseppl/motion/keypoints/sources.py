@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -12,14 +11,13 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io.detections import check_different, without_strays
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.keypoints.clock_offsets import Offsets, coarse_offsets, fine_offsets
 from poseppl.motion.keypoints.clocks import Aligned, Clock, align
 from poseppl.motion.keypoints.people import LARGEST_DISTANCE, choose_person
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
 
-FAR_OUTSIDE = 1.0
-"""A point farther outside of the picture than this share of its width or height is none."""
 LEAST_OFFSET, SURE = 0.5, 3.0
 """An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
 _ROUNDS = 3
@@ -118,36 +116,6 @@ def check_confidences(name: str, found: DetectedPeople) -> None:
             field="--keypoints",
             expected="confidences from 0 to 1; write 1 for each point if the detector gives none",
         )
-
-
-def check_different(found: Mapping[str, DetectedPeople]) -> None:
-    """Check that no two cameras saw the same to the last digit: one file was given to both.
-
-    Raises:
-        InputError: Two did.
-    """
-    for one, other in combinations(found, 2):
-        if np.array_equal(found[one].points, found[other].points, equal_nan=True):
-            problem = f"{one} and {other} have the same points in all frames"
-            raise InputError(problem, field="--keypoints", expected="a file of its own for each camera")
-
-
-def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:
-    """Take away points that lie far outside of the picture, and tell of them."""
-    extent = np.array(size, float)
-    with np.errstate(invalid="ignore"):
-        far = (found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)
-    stray = np.any(far, axis=-1)
-    if not stray.any():
-        return found, []
-    t, p, k = np.argwhere(stray)[0]
-    x, y = found.points[t, p, k]
-    note = (
-        f"{name}: {stray.sum()} points lie far outside of its picture of {size[0]} x {size[1]} px and count as not seen, "
-        f"the first in frame {found.frames[t]}, {found.names[k]}, at ({x:.4g}, {y:.4g})"
-    )
-    points = np.where(stray[..., None], np.nan, found.points)
-    return found._replace(points=points, confidence=np.where(stray, 0.0, found.confidence)), [note]
 
 
 def own_clocks(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[Clock]:

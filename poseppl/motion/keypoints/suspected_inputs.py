@@ -20,7 +20,7 @@ from poseppl.motion.keypoints.calibration_units import meeting_rays
 from poseppl.motion.keypoints.clock_offsets import coarse_offsets
 from poseppl.motion.keypoints.clocks import Clock, align
 from poseppl.motion.keypoints.sources import Clocks, own_clocks
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
 
 BETTER = 0.75

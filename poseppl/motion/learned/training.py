@@ -21,7 +21,6 @@ from poseppl.motion.learned.angles import mean_angle, wrapped
 from poseppl.motion.learned.baum_welch import baum_welch
 from poseppl.motion.learned.motion_model import MotionModel
 from poseppl.motion.learned.posed_recordings import PosedRecording
-from poseppl.motion.learned.principal_components import principal_components
 
 HEADS = ("neck", "head")
 """Joints of the line of sight, which is left free as is the root."""
@@ -75,7 +74,7 @@ def train_motion_model(
     departures = [
         wrapped(pose - means[persons.index(recording.person)]) for recording, pose in zip(recordings, poses, strict=True)
     ]
-    principal = principal_components(np.concatenate(departures), settings.num_components)
+    principal = _principal_components(np.concatenate(departures), settings.num_components)
     features = [(departure - principal.centre) @ principal.components for departure in departures]
     markov = baum_welch(features, settings.num_states, num_rounds=settings.num_rounds, seed=settings.seed, advance=advance)
     return MotionModel(
@@ -172,3 +171,29 @@ def _provenance(recordings: Sequence[PosedRecording], settings: TrainingSettings
         "settings": settings._asdict(),
         "versions": {name: version(name) for name in _PACKAGES},
     }
+
+
+class _PrincipalComponents(NamedTuple):
+    """Principal components of L angles.
+
+    Attributes:
+        centre: Mean (L,).
+        components: Eigenvectors of the eta largest eigenvalues of the covariance (L, eta), the largest entry of each positive.
+        spectrum: All eigenvalues (L,), descending.
+    """
+
+    centre: Floats
+    components: Floats
+    spectrum: Floats
+
+
+def _principal_components(departures: Floats, count: int) -> _PrincipalComponents:
+    """Find the principal components of departures (M, L), by the singular values of what is left of them without their mean."""
+    centre = departures.mean(0)
+    values, vectors = np.linalg.svd(departures - centre, full_matrices=False)[1:]
+    spectrum = np.zeros(departures.shape[1])
+    spectrum[: len(values)] = values**2 / len(departures)
+    components = vectors[:count].T
+    largest = np.abs(components).argmax(0)
+    signs = np.sign(components[largest, np.arange(count)])
+    return _PrincipalComponents(centre, components * signs, spectrum)

@@ -10,22 +10,24 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.frame_range import FrameRange
+from poseppl.motion.bodies.body import name_of_builder
 from poseppl.motion.geometry import project
 from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io.detections import check_different, without_strays
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.keypoints.sources import check_different, without_strays
-from poseppl.motion.points.named_points import FREEDOM, PROGRAMS, PointRecording
+from poseppl.motion.points.named_points import FREEDOM, PointRecording
 from poseppl.motion.points.smoothing import PointTracks
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.tracking.body_result import BodyNames, body_result
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.track import versions
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 
@@ -178,7 +180,7 @@ def result_of_points(
         frames=recording.frames,
         rate=recording.rate,
         attrs={
-            "model": PROGRAMS,
+            "model": name_of_builder(points_in_cameras),
             "smoother": "laplace",
             "smoother seed": seed,
             "errors": "lasting",

@@ -14,14 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.motion.bodies.body import compile_once, load_builder
+from poseppl.motion.bodies.body import compile_once
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.points.fit import NEAR_STEPS, OF_A_POINT, PointParams, under_draws
-from poseppl.motion.points.named_points import PROGRAMS, PointProblem, places_of
+from poseppl.motion.points.named_points import PointProblem, places_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import climb, draws_about
 
@@ -68,9 +69,7 @@ def linked_draws(
         ends = tuple((members.index(link.ends[0]), members.index(link.ends[1])) for link in links)
         inputs, data, states = _together(problem, mode, members, links, ends)
         num_cameras = inputs.magnification.shape[1]
-        model = compile_once(
-            load_builder(PROGRAMS)(len(members), num_cameras, ends), jax.tree.map(lambda leaf: leaf[0], inputs)
-        )
+        model = compile_once(points_in_cameras(len(members), num_cameras, ends), jax.tree.map(lambda leaf: leaf[0], inputs))
         likeliest, spread = ({name: _own(name, value, members) for name, value in each.items()} for each in found)
         key = jax.random.fold_in(jax.random.key(seed), number)
         states = _mode(model, likeliest, jax.vmap(model.to_flat)(states), data, inputs, _STEPS)

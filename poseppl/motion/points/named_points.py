@@ -1,6 +1,6 @@
 """The inference problem of named points in calibrated cameras, each point by itself: geometry in pixels, inputs, first guesses.
 
-The programs are those of ``poseppl_models.bodies.named_points``, found by name. They count lengths in pixels at the points,
+The programs are those of ``poseppl_models.bodies.named_points``. They count lengths in pixels at the points,
 from the middle of these, so that priors suit a fly as well as a horse, whatever the unit of the calibration is.
 """
 
@@ -13,16 +13,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import compile_once, load_builder
+from poseppl.motion.bodies.body import compile_once
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.program import CompiledModel, Observation
 
-PROGRAMS = "poseppl_models.bodies.named_points:points_in_cameras"
 FREEDOM = 5.0
 """Degrees of freedom of a detector's errors that do not last; ours."""
 LEAST_SURE, MOST_SURE = 0.001, 0.999
@@ -154,12 +154,11 @@ def make_point_problem(recording: PointRecording) -> PointProblem:
         start_scale=always(_START_SCALE * max(float(np.ptp(local, axis=(0, 1)).max()), 10.0)),
         **dict.fromkeys(("length", "length_scale", "tolerance"), jnp.zeros((num_frames, 0))),
     )
-    build = load_builder(PROGRAMS)
     first = jax.tree.map(lambda leaf: leaf[0], inputs)
     one = first._replace(logit=first.logit[0], start=first.start[0])
     all_points = one._replace(logit=inputs.logit[:, 0, :, 0].T, start=inputs.start[:, 0, 0])
-    model = compile_once(build(1, num_cameras), one)
-    whole = compile_once(build(num_points, num_cameras), all_points)
+    model = compile_once(points_in_cameras(1, num_cameras), one)
+    whole = compile_once(points_in_cameras(num_points, num_cameras), all_points)
     data = np.moveaxis(recording.points, 2, 0)[:, :, :, None]
     seen = np.isfinite(data).all(-1, keepdims=True) & np.ones(2, bool)
     observations = Observation({"points": jnp.asarray(np.where(seen, data, 0.0))}, {"points": jnp.asarray(seen)})

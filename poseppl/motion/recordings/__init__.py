@@ -1,1 +1,1 @@
-"""Recorded and simulated motion: subjects, placed cameras, the truth."""
+"""Recorded and simulated motion: subjects, and the truth."""

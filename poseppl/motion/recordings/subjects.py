@@ -5,16 +5,16 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
+from poseppl_models.bodies.gait import walk
 
 from poseppl.errors import FilePath, InputError, brief
-from poseppl.motion.bodies.body import DEFAULT_MODEL as DEFAULT_MODEL, body_builder, load_builder
+from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
 from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 
-DEFAULT_WALK = "poseppl_models.bodies.gait:walk"
-"""The built-in walk; resolved when it is used."""
 WALK_FRAMES = 60
 WALK_RATE = 30.0
 LONGEST_WALK = 100_000
@@ -46,7 +46,7 @@ def walking_subject(
             f"{brief(frames)} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk"
         )
     length = stop if turn is None else max(stop, ceil(_TURNED_SECONDS * rate))
-    gait = load_builder(DEFAULT_WALK)(rate, length)
+    gait = walk(rate, length)
     build = body_builder(model)
     states, standard = np.asarray(gait.states, np.float64), build(None)
     if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):

@@ -3,51 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.arrays import Booleans, Floats
+from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body, BodyInputs
-from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.motion.silhouettes.overlap import overlap, silhouette_record
+from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
 from poseppl.motion.silhouettes.start import seek_silhouette
+from poseppl.motion.tracking.scene import Scene
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.run import Constant
 
-if TYPE_CHECKING:
-    from poseppl.motion.tracking.scene import Scene
 
-
-class SilhouetteData(NamedTuple):
-    """Silhouettes in C cameras over T frames; methods as :class:`~poseppl.motion.tracking.scene.SceneData` has them.
-
-    Attributes:
-        contour: Points on the contours (T, C, K, 2), px.
-        on_outline: Which of them are part of the person's outline (T, C, K).
-        distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
-        scale: Pixels of the maps to one of the image (C,).
-        usable: Whether a camera's mask says anything in a frame (T, C).
-        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
-        noise: Standard deviation of distances at the body, mm.
-        edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
-        facing: Name of the camera that the person faces at first, if somebody told.
-        found: With what settings the silhouettes were found, by name, for the record.
-    """
-
-    contour: Floats
-    on_outline: Booleans
-    distance: NDArray[np.float32]
-    scale: Floats
-    usable: Booleans
-    person: NDArray[np.int8]
-    noise: float
-    edges: NDArray[np.float32] | None = None
-    facing: str | None = None
-    found: Mapping[str, Any] | None = None
+class SilhouetteData(SeenSilhouettes):
+    """Silhouettes in C cameras over T frames; methods as :class:`~poseppl.motion.tracking.scene.SceneData` has them."""
 
     @property
     def provenance(self) -> Mapping[str, Any]:
@@ -58,12 +32,6 @@ class SilhouetteData(NamedTuple):
     def faults(self) -> Mapping[str, Floats]:
         """Nothing: silhouettes that cannot be used are not used."""
         return {}
-
-    def noise_in_pixels(self, cameras: Cameras, state: Any) -> Floats:
-        """Standard deviations (C,) in px of the noise at the place of a state's root."""
-        away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
-        focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
-        return np.asarray(self.noise * focal / away)
 
     def first_frames(self, count: int) -> SilhouetteData:
         """The data of the first frames alone."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +15,8 @@ from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, parts_of
-
-if TYPE_CHECKING:
-    from poseppl.motion.silhouettes.data import SilhouetteData
-    from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
+from poseppl.motion.tracking.scene import Scene
 
 _LONGER_SIDE = 160
 """Points of the grid along the longer side of a picture, at most."""
@@ -26,7 +24,7 @@ _CHUNK = 8
 """Frames that are drawn at a time."""
 
 
-def silhouette_record(seen: SilhouetteData) -> dict[str, Floats]:
+def silhouette_record(seen: SeenSilhouettes) -> dict[str, Floats]:
     """Figures of the silhouettes by themselves.
 
     Returns:
@@ -44,7 +42,7 @@ def silhouette_record(seen: SilhouetteData) -> dict[str, Floats]:
     }
 
 
-def overlap(scene: Scene[SilhouetteData], states: Any) -> Floats:
+def overlap(scene: Scene[Any], states: Any) -> Floats:
     """Intersection over union of a body's silhouette with those that were seen, where neither is hidden.
 
     Args:

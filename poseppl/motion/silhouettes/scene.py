@@ -16,7 +16,6 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, Video
 from poseppl.motion.io.synchronised import VideoWarning, synchronised
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.silhouettes.data import SilhouetteData
 from poseppl.motion.silhouettes.frame import (
     Mask,
@@ -28,6 +27,7 @@ from poseppl.motion.silhouettes.frame import (
     silhouette_frame,
 )
 from poseppl.motion.silhouettes.picture_sizes import fit_size, resized
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.vision import (
     Background,

@@ -8,7 +8,7 @@ middles of the silhouettes point to.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,11 +21,9 @@ from poseppl.errors import InputError, brief
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
+from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
+from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.start import PoseSearch, place_of_points
-
-if TYPE_CHECKING:
-    from poseppl.motion.silhouettes.data import SilhouetteData
-    from poseppl.motion.tracking.scene import Scene
 
 _REST_SPREAD = 0.4
 _WIDER = (4.0, 1.0)
@@ -48,7 +46,7 @@ def check_facing(name: str, cameras: Sequence[str]) -> None:
         raise InputError(f"there is no camera {brief(name)}", field="--facing", expected=some(cameras))
 
 
-def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -> Floats:
+def seek_silhouette(scene: Scene[Any], params: Mapping[str, float]) -> Floats:
     """Find a state (d,) to start from in the first frame that most cameras see.
 
     Raises:
@@ -64,7 +62,7 @@ def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -
     return search.poses.unwound(_turned(search, scene, candidates, usable).state)
 
 
-def _turned(search: _Search, scene: Scene[SilhouetteData], candidates: Sequence[_Found], usable: Any) -> _Found:
+def _turned(search: _Search, scene: Scene[Any], candidates: Sequence[_Found], usable: Any) -> _Found:
     """The best of the candidates, sorted by their costs, that is not turned round.
 
     A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, it is the
@@ -88,7 +86,7 @@ def _unit(vector: Floats) -> Floats:
     return vector / max(float(np.linalg.norm(vector)), 1e-9)
 
 
-def _faced(scene: Scene[SilhouetteData]) -> Floats | None:
+def _faced(scene: Scene[Any]) -> Floats | None:
     """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
     name, names = scene.data.facing, scene.camera_names
     if name is None:
@@ -105,7 +103,7 @@ class _Found(NamedTuple):
 class _Search:
     """Least squares on the residuals of one frame after the other."""
 
-    def __init__(self, scene: Scene[SilhouetteData], params: Mapping[str, float], first: int) -> None:
+    def __init__(self, scene: Scene[Any], params: Mapping[str, float], first: int) -> None:
         self._scene, self.poses = scene, PoseSearch.of(scene.body)
         self._place = _middle(scene, first, self.poses.rest)
         self._evaluate, self._derive = map(jit, _residuals(scene, params, self.poses, self._place))
@@ -167,14 +165,14 @@ class _Data(NamedTuple):
     wider: Array
 
 
-def _data(seen: SilhouetteData, frame: int) -> _Data:
+def _data(seen: SeenSilhouettes, frame: int) -> _Data:
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
     on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
     edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
     return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable, jnp.ones(()))
 
 
-def _middle(scene: Scene[SilhouetteData], frame: int, rest: Floats) -> Floats:
+def _middle(scene: Scene[Any], frame: int, rest: Floats) -> Floats:
     """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
     body, seen = scene.body, scene.data
     names = body.tree.marker_names
@@ -189,7 +187,7 @@ def _middle(scene: Scene[SilhouetteData], frame: int, rest: Floats) -> Floats:
 
 
 def _residuals(
-    scene: Scene[SilhouetteData], params: Mapping[str, float], poses: PoseSearch, place: Floats
+    scene: Scene[Any], params: Mapping[str, float], poses: PoseSearch, place: Floats
 ) -> tuple[Callable[..., Array], Callable[..., Array]]:
     """Residuals of a state and the data of a frame, and their derivatives by the state."""
     body, cameras = scene.body, scene.cameras

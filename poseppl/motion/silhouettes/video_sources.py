@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from poseppl_models.bodies.silhouettes import full_body
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.netcdf_reading import read_netcdf
-from poseppl.motion.bodies.body import body_builder
+from poseppl.motion.bodies.body import body_builder, name_of_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_calibration, read_cameras, read_image
 from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.silhouettes.data import SilhouetteData
@@ -25,7 +26,8 @@ from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.vision import Background, BackgroundSettings, learn_background
 
-DEFAULT_MODEL = "poseppl_models.bodies.silhouettes:full_body"
+DEFAULT_MODEL = name_of_builder(full_body)
+"""The body that is tracked where nobody names one."""
 _SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 
 Image = NDArray[np.uint8]

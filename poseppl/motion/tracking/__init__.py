@@ -2,15 +2,15 @@
 
 from poseppl.motion.tracking.export import export as export
 from poseppl.motion.tracking.metrics import Metrics as Metrics, measure_run as measure_run
+from poseppl.motion.tracking.observations import (
+    observe_motion as observe_motion,
+    scene_of_observations as scene_of_observations,
+)
 from poseppl.motion.tracking.problem import (
     Problem as Problem,
     make_problem as make_problem,
     problem_of_result as problem_of_result,
 )
-from poseppl.motion.tracking.scene import (
-    Scene as Scene,
-    observe_motion as observe_motion,
-    scene_of_observations as scene_of_observations,
-)
+from poseppl.motion.tracking.scene import Scene as Scene
 from poseppl.motion.tracking.smooth import SmoothSettings as SmoothSettings, smooth as smooth
 from poseppl.motion.tracking.track import TrackSettings as TrackSettings, TrackStopped as TrackStopped, track as track

@@ -21,18 +21,19 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.exchange_formats import files_of
+from poseppl.motion.bodies.body import name_of_builder
 from poseppl.motion.bodies.opensim import Coordinate
 from poseppl.motion.io.c3d_writing import write_c3d
 from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion, y_up
 from poseppl.motion.io.rerun_writing import write_rerun
 from poseppl.motion.io.trc import write_trc
-from poseppl.motion.points.named_points import PROGRAMS
 from poseppl.motion.tracking.estimates import Clock, Estimates, angle_estimates, clock_of, place_estimates
 from poseppl.runs.results import provenance
 
@@ -110,7 +111,7 @@ def export(
 
 def has_angles(tree: xr.DataTree) -> bool:
     """Whether a result is one of a body, with joint angles, rather than of points."""
-    return provenance(tree).get("model") != PROGRAMS
+    return provenance(tree).get("model") != name_of_builder(points_in_cameras)
 
 
 def _write_trc(exported: Exported, paths: Sequence[Path]) -> None:

@@ -14,10 +14,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from poseppl_models.bodies.detected_points import seen_by_detector
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import Body, BodyInputs, LastingErrors, compile_once, load_builder
+from poseppl.motion.bodies.body import Body, BodyInputs, LastingErrors, compile_once
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.body_sizes import MeasuredLengths
 from poseppl.motion.tracking.problem import Problem
@@ -27,7 +28,6 @@ from poseppl.motion.tracking.walk import time_steps
 from poseppl.runs.run import Constant, frame_inputs
 from poseppl.smoothers.base import History
 
-PROGRAMS = "poseppl_models.bodies.detected_points:seen_by_detector"
 SHIFT, SHIFTS_LAST = 20.0, 2.0
 """How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
@@ -79,7 +79,7 @@ def with_lasting_errors(
     own = _with_open_start(own, problem.body)
     inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
     num_lengths = 0 if lengths is None else len(lengths.per_place)
-    seen: Any = load_builder(PROGRAMS)(
+    seen: Any = seen_by_detector(
         tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
     )
     model = compile_once(seen.program, frame_inputs(inputs, 0))

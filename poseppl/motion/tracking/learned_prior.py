@@ -14,9 +14,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from poseppl_models.bodies.learned_motion import seen_activity
 
 from poseppl.errors import FilePath, InputError
-from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
+from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.learned import MotionModel, frames_between, read_motion_model
 from poseppl.motion.tracking.problem import Problem, with_steps
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -25,7 +26,6 @@ from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
 from poseppl.runs.run import Constant, frame_inputs
 
-PROGRAMS = "poseppl_models.bodies.learned_motion:seen_activity"
 STEPS = 2.0
 """Steps of a random walk, in units of the root mean square of recorded ones (ours): who is tracked may move faster."""
 SILHOUETTE_NOISE = 200.0
@@ -59,7 +59,7 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
     if len(set(np.diff(scene.frames).tolist())) > 1:
         raise InputError("frames are missing between others", field="--prior", expected="frames at equal distances")
     every = _every(model, scene.rate, path)
-    build: Any = load_builder(PROGRAMS)
+    build: Any = seen_activity
     steps = STEPS * every * np.maximum(model.step_scale, 1e-6)
     own_start = _value(own.start), _value(own.start_scale)
     seen = build(model, body.tree.coordinates, every, *own_start, steps if other_motion else None, silhouettes=shown)

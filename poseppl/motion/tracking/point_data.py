@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body, BodyInputs
+from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.start import seek_start
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.run import Constant
-
-if TYPE_CHECKING:
-    from poseppl.motion.tracking.scene import Scene
 
 
 class PointData(NamedTuple):

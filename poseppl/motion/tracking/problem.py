@@ -28,7 +28,7 @@ from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.start import start_scales
 from poseppl.motion.tracking.walk import mean_reverting_steps, step_scales, time_steps
-from poseppl.program import Clamped, CompiledModel, Observation
+from poseppl.program import Clamped, CompiledModel, Observation, clamp
 from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of
@@ -268,4 +268,4 @@ def _problem(body: Body, params: Mapping[str, float], data: SceneData, walk: Map
     if states is None:
         raise InputError("the body clamps joints to a truth that is not known", field="--model")
     whole = Clamped.of_trajectory(jnp.asarray(states, float), inputs)
-    return Problem(body, model.clamp(body.free_coordinates), observations, whole)
+    return Problem(body, clamp(model, body.free_coordinates), observations, whole)

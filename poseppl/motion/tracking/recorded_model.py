@@ -12,9 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from poseppl_models import BODIES
 
-from poseppl.errors import InputError, Location
-from poseppl.motion.bodies.body import Body, body_builder, installed_builder, source_of_model
+from poseppl.errors import InputError, Location, brief
+from poseppl.motion.bodies.body import Body, body_builder, entry_point_builders, source_of_model
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.text_parsing import finite_numbers
 from poseppl.runs.contents import names_of, variable
@@ -61,6 +62,21 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
     params = {**body.params, **finite_numbers(asked, body.params, Location(field="settings"))}
     _check_coordinates(tree, body)
     return RecordedModel(chosen, _with_markers(tree, body), params)
+
+
+def installed_builder(name: str) -> Callable[..., Body]:
+    """Resolve the name of a body that is installed as one, and no other; nothing else is imported.
+
+    Installed are the ``BODIES`` of ``poseppl_models`` and the entry points of the group ``poseppl.models``.
+
+    Raises:
+        InputError: No such body is installed.
+    """
+    others = entry_point_builders()
+    if name not in (*BODIES, *others, *others.values()):
+        problem = f"the file names the model {brief(name)}, which is none of the installed ones, and so is not run"
+        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model BUILDER")
+    return body_builder(name)
 
 
 def offsets_per_length(tree: xr.DataTree, model: str | None = None) -> KinematicTree:

@@ -14,7 +14,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError, brief
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.keypoints.assumed_stature import at_mean_stature, with_statures
+from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors

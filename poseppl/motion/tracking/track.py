@@ -15,9 +15,10 @@ import xarray as xr
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError, brief
 from poseppl.filters import Filter, sharded
-from poseppl.motion.bodies.body import DEFAULT_MODEL, Body, source_of_model
-from poseppl.motion.keypoints.assumed_stature import with_statures
+from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.tracking.assumed_stature import with_statures
 from poseppl.motion.tracking.body_result import BodyNames, body_result
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at, paper_camera, project
 from poseppl.motion.geometry.cameras import NEAREST, moved_cameras
 from poseppl.motion.io import CameraRecord, read_cameras
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 LENS = np.array([-0.21, 0.24, -0.001, 0.003, -0.07])
 

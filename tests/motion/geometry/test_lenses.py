@@ -13,7 +13,7 @@ from poseppl.motion.geometry import project
 from poseppl.motion.geometry.lenses import distort, undistort
 from poseppl.motion.geometry.triangulation import viewing_rays
 from poseppl.motion.io import CameraRecord, read_cameras
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 MATRIX = np.array([[903.5, 0.0, 618.3], [0.0, 907.9, 394.2], [0.0, 0.0, 1.0]])
 TURN = cv2.Rodrigues(np.array([0.2, -0.3, 0.1]))[0]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from poseppl.errors import InputError
 from poseppl.motion.geometry import project
 from poseppl.motion.io import read_calibration
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 CENTRE = np.array([3000.0, -2000.0, 1500.0])
 POINTS = np.array([[0.0, 0, 0], [300, 200, 1000], [-250, 600, 1700], [900, -300, 800]])

@@ -16,7 +16,7 @@ from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.motion import z_up
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.scene import scene_of_keypoints
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 BODY = full_body()
 MARKERS = BODY.tree.marker_names

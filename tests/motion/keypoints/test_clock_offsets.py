@@ -11,6 +11,7 @@ import pytest
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import DetectedPeople, read_cameras
+from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.clock_offsets import SYSTEMATIC, fine_offsets
 from poseppl.motion.keypoints.clocks import Clock, align, resampled
@@ -21,9 +22,8 @@ from poseppl.motion.keypoints.sources import (
     find_offsets,
     points_of,
     read_sources,
-    without_strays,
 )
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 NAMES = ("cam_01", "cam_02", "cam_03", "cam_04")
 

@@ -17,8 +17,8 @@ from poseppl.motion.keypoints.data_association import associate
 from poseppl.motion.keypoints.people import choose_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints, with_markers
 from poseppl.motion.keypoints.sources import Clocks
-from poseppl.motion.recordings.placing import cameras_of_records
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.placing import cameras_of_records
 
 CAMERAS = (2, 4)
 """Those that see the person at the narrowest angle."""

@@ -22,7 +22,7 @@ from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
 from poseppl.motion.keypoints.people import choose_person
 from poseppl.motion.keypoints.scene import check_markers, scene_of_keypoints
-from poseppl.motion.recordings.placing import cameras_of_records
+from poseppl.motion.tracking.placing import cameras_of_records
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from poseppl.motion.keypoints.live import LiveTrack, sees_someone
 from poseppl.motion.keypoints.people import FollowedPerson, choose_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.sources import Clocks
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.tracking import TrackSettings, track
+from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.runs.run import run_filter
 
 SETTINGS = TrackSettings(filter="kalman", max_draws=50)

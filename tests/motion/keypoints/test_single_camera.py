@@ -10,7 +10,7 @@ from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.geometry import Cameras, look_at, marker_positions, project
 from poseppl.motion.keypoints.single_camera import BESIDE, distance_by_size, noise_in_one_camera
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 
 BODY = body_builder(DEFAULT_MODEL)(None)
 

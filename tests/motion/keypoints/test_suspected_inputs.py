@@ -16,7 +16,7 @@ from poseppl.motion.io.camera_fields import with_size
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
 from poseppl.motion.keypoints.sources import Clocks, check_confidences, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 NAMES = LAYOUTS["coco17"]
 RATE, FRAMES = 60.0, 60

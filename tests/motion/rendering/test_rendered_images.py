@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from poseppl.motion.geometry import project
-from poseppl.motion.recordings.placing import cameras_of_records
 from poseppl.motion.rendering import Setting, Stage
 from poseppl.motion.rendering.furniture import CLEARANCE
 from poseppl.motion.rendering.points import JOINTS
+from poseppl.motion.tracking.placing import cameras_of_records
 
 pytestmark = pytest.mark.full
 

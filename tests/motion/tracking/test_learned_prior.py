@@ -12,10 +12,10 @@ from poseppl.diagnostics.verdicts import verdicts
 from poseppl.errors import InputError
 from poseppl.filters.suitability import suited_filters
 from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, track
 from poseppl.motion.tracking.learned_prior import with_prior
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.runs.results import load_result, provenance
 

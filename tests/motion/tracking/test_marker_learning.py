@@ -10,10 +10,10 @@ import pytest
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions, project
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, problem_of_result, track
 from poseppl.motion.tracking.marker_learning import SPREAD, learn_markers
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.point_data import PointData
 
 pytestmark = pytest.mark.full

@@ -21,9 +21,9 @@ import poseppl.motion.bodies.body
 from poseppl.cli import main
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, body_builder, load_builder
-from poseppl.motion.recordings.placing import place_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track
+from poseppl.motion.tracking.placing import place_cameras
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.runs.results import save_result
 

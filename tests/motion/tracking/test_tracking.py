@@ -11,12 +11,13 @@ import pytest
 from poseppl.errors import InputError
 from poseppl.motion.geometry import depth, marker_positions, project
 from poseppl.motion.io import read_cameras, write_cameras, write_observations
-from poseppl.motion.recordings.placing import camera_names, cameras_of_records, place_cameras, records_of_cameras
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL, walking_subject
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, scene_of_observations, track
 from poseppl.motion.tracking.body_result import BodyNames, body_result
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.observations import observations_of_scene
+from poseppl.motion.tracking.placing import camera_names, cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.tracking.problem import make_problem, problem_of_result
-from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.start import seek_start
 
 WALK = walking_subject(frames="0:12")

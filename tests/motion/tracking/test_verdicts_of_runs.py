@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from poseppl.diagnostics import verdicts
-from poseppl.motion.recordings.placing import camera_names, cameras_around
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ from poseppl.errors import InputError
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import write_observations
-from poseppl.motion.recordings.placing import cameras_around, cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, problem_of_result, scene_of_observations, track
+from poseppl.motion.tracking.observations import observations_of_scene
+from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.tracking.problem import body_inputs
-from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.velocity_learning import with_velocities
 from poseppl.motion.tracking.walk import (
     MEMORY,

@@ -11,9 +11,10 @@ from poseppl_models.toys.growth import growth
 
 from poseppl.gaussians.block_tridiagonal import marginal_covariances
 from poseppl.gaussians.linear_transitions import transition_structure
-from poseppl.smoothers import History, variational
-from poseppl.smoothers.likelihood_mixture import mixture_of_gaussians
-from poseppl.smoothers.variational import fit_variational, variational_smoother
+from poseppl.smoothers import History
+from poseppl.smoothers.published import variational
+from poseppl.smoothers.published.likelihood_mixture import mixture_of_gaussians
+from poseppl.smoothers.published.variational import fit_variational, variational_smoother
 
 
 def particles_around(centres, num_particles=50, seed=0):

@@ -36,7 +36,7 @@ from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
-from poseppl.filters.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
+from poseppl.filters.published.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_scaled, dynamic_noise

@@ -2,7 +2,8 @@ r"""Particle-mGRAD and Particle-aGRAD: conditional SMC along the gradient and th
 
 Corenflos and Finke 2024 (https://arxiv.org/abs/2401.14868). A move draws an auxiliary variable around each state of the
 reference trajectory, runs a conditional filter whose particles are proposed given it and their ancestors' transition means, and
-draws a trajectory by backward simulation. Proposals and weights are derived in :mod:`poseppl.smoothers.gradient_proposal`.
+draws a trajectory by backward simulation. Proposals and weights are derived in
+:mod:`poseppl.smoothers.published.gradient_proposal`.
 
 A factor of mGRAD's weight at frame t + 1 holds the ancestors of all slots but the one that it weighs, so that it says nothing
 of that slot's own ancestor: backward simulation draws x_t^i with probability proportional to w_t^i p(x_(t+1) | x_t^i), as in a
@@ -33,7 +34,7 @@ from poseppl.program.population import log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.conditional_smc import Sweep, draw_back
 from poseppl.smoothers.effective import smoothed_chains
-from poseppl.smoothers.gradient_proposal import (
+from poseppl.smoothers.published.gradient_proposal import (
     Geometry,
     Scaling,
     Variant,

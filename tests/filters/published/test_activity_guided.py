@@ -14,7 +14,7 @@ from poseppl_models.toys.growth import growth
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import activity_guided_filter, annealed_filter
-from poseppl.filters.activity_guided import emit, num_transitions, transition_powers
+from poseppl.filters.published.activity_guided import emit, num_transitions, transition_powers
 from poseppl.program import StateSpaceModel
 from poseppl.program.hidden_chain import HiddenChain, chain_sites, hidden_chain
 

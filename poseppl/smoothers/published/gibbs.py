@@ -6,10 +6,10 @@ of all frames are drawn in turn from their distributions given the rest,
     p(x, s | z) ~ p(x_0) prod_t p(x_t | x_(t-1)) prod_t phi_(t, s_t)(x_t),
 
 for 2,000 rounds, of which the first 5 % are left out; so do the defaults, in four chains. The paper's states are discrete;
-these stay continuous, and the frame moves are those of :mod:`poseppl.smoothers.gibbs_moves`. Given their neighbours, even
-frames are independent of each other, and odd ones too: a round moves all even frames at once, then all odd ones, in several
-chains side by side. Where transitions are linear Gaussian, x may also be drawn as a whole given s (blocked; Carter and Kohn
-1994, doi:10.1093/biomet/81.3.541).
+these stay continuous, and the frame moves are those of :mod:`poseppl.smoothers.published.gibbs_moves`. Given their neighbours,
+even frames are independent of each other, and odd ones too: a round moves all even frames at once, then all odd ones,
+in several chains side by side. Where transitions are linear Gaussian, x may also be drawn as a whole given s (blocked; Carter
+and Kohn 1994, doi:10.1093/biomet/81.3.541).
 
 One chain starts at the most likely particle of every frame (section 5.2), the others at trajectories drawn from the filter. A
 chain moves frame by frame, and does not cross between modes of whole trajectories: these it has from its start.
@@ -36,8 +36,8 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_chains
-from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
-from poseppl.smoothers.likelihood_mixture import (
+from poseppl.smoothers.published.gibbs_moves import Frames, Settings, move_frame, prepare_frames
+from poseppl.smoothers.published.likelihood_mixture import (
     LikelihoodMixture,
     MixtureSettings,
     fit_likelihood_mixture,
@@ -80,7 +80,8 @@ def gibbs_smoother(
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
             The paper's is 3 degrees. The chains themselves are continuous.
-        mixture: The other settings of the mixture; :class:`~poseppl.smoothers.likelihood_mixture.MixtureSettings` if None.
+        mixture: The other settings of the mixture;
+            :class:`~poseppl.smoothers.published.likelihood_mixture.MixtureSettings` if None.
 
     Returns:
         The smoother.

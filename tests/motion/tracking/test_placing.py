@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseppl.motion.geometry import project
-from poseppl.motion.recordings.placing import cameras_of_records, place_cameras, records_of_cameras
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 PATH = np.array([[0.0, 0.0, 1000.0], [np.nan] * 3, [100.0, 2000.0, 1000.0], [0.0, 4000.0, 1000.0]])
 """Four metres along Y, a little to the side in the middle."""

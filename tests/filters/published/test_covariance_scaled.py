@@ -13,7 +13,8 @@ import pytest
 from oracles.grid import grid_filter_smoother
 from poseppl_models.toys.mirror import LEVEL, NOISE, SPREAD, START, mirror, mirror_mean
 
-from poseppl.filters import covariance_scaled_filter, mode_mixture
+from poseppl.filters import covariance_scaled_filter
+from poseppl.filters.published import mode_mixture
 from poseppl.kernels import truncation
 from poseppl.kernels.constraints import constraints
 from poseppl.program import Lorentzian, StateSpaceModel

@@ -16,11 +16,11 @@ from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.io import read_calibration
 from poseppl.motion.io.openpose import read_openpose
-from poseppl.motion.keypoints.assumed_stature import ATTRIBUTE, at_mean_stature, stature_draws
 from poseppl.motion.keypoints.scene import KeypointScene, scene_of_keypoints
-from poseppl.motion.recordings.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, problem_of_result, smooth, track
+from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, at_mean_stature, stature_draws
 from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.problem import with_steps, with_tree
 from poseppl.motion.tracking.track import usual_walk
 from poseppl.runs.contents import flat_draws

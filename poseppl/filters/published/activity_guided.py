@@ -1,7 +1,8 @@
 r"""The activity-guided annealed filter (Darby, Li and Costen 2008, doi:10.1109/AFGR.2008.4813348, section 6.2).
 
-The annealed filter (:mod:`poseppl.filters.annealed`) of a model with a hidden Markov chain: a finite site s and the site f that
-it emits, f ~ N(mu_s, Sigma_s), beside free ones. In each layer r = R, ..., 1 of a frame a particle's f is emitted anew:
+The annealed filter (:mod:`poseppl.filters.published.annealed`) of a model with a hidden Markov chain: a finite site s and
+the site f that it emits, f ~ N(mu_s, Sigma_s), beside free ones. In each layer r = R, ..., 1 of a frame a particle's f is
+emitted anew:
 
 1. the state s_i most likely to have emitted the particle's f is found, i = argmax_i N(f; mu_i, Sigma_i);
 2. the chain makes K_i transitions from s_i to s_j (Eq. 12), which leave s_i with a probability of rho_r at least,
@@ -34,8 +35,8 @@ from jax import Array
 from jax.scipy.stats import multivariate_normal
 
 from poseppl.checks import check_fraction
-from poseppl.filters.annealed import Disperse, Keys, annealing_filter, annealing_of, predict_by_transition
 from poseppl.filters.base import Filter
+from poseppl.filters.published.annealed import Disperse, Keys, annealing_filter, annealing_of, predict_by_transition
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
@@ -70,7 +71,8 @@ def activity_guided_filter(
         resampling: How ancestors are drawn.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.annealed.AnnealedState`. `Info.ess` is that of the last layer.
+        The filter; its state is :class:`~poseppl.filters.published.annealed.AnnealedState`. `Info.ess` is that of the last
+        layer.
 
     Raises:
         ValueError: A number out of its range, an unknown coordinate, or one in two groups.

@@ -1,6 +1,6 @@
 r"""Moves of one frame's state given its neighbours, for Gibbs sampling on a mixture approximation of the likelihood.
 
-The full conditional of x_t and its component s_t is, with phi of :mod:`poseppl.smoothers.likelihood_mixture`,
+The full conditional of x_t and its component s_t is, with phi of :mod:`poseppl.smoothers.published.likelihood_mixture`,
 
     p(x_t, s_t | x_(t-1), x_(t+1)) ~ p(x_t | x_(t-1)) phi_(s_t)(x_t) p(x_(t+1) | x_t).
 
@@ -35,7 +35,7 @@ from poseppl.kernels.laplace import whitening
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.likelihood_mixture import LikelihoodMixture, log_components
+from poseppl.smoothers.published.likelihood_mixture import LikelihoodMixture, log_components
 
 _PLAIN = 0.2
 """Share of plain moves."""
@@ -83,7 +83,7 @@ class Frames(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """Which moves: see :func:`poseppl.smoothers.gibbs.gibbs_smoother`."""
+    """Which moves: see :func:`poseppl.smoothers.published.gibbs.gibbs_smoother`."""
 
     linear: bool
     collapsed: bool

@@ -16,7 +16,7 @@ from poseppl.filters import particle_filter
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed, fit_free
 from poseppl.smoothers import History
-from poseppl.smoothers.likelihood_mixture import (
+from poseppl.smoothers.published.likelihood_mixture import (
     MixtureSettings,
     _default_scales,
     _divide,

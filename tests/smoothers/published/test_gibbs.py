@@ -16,8 +16,8 @@ from mixture_problems import exact_smoothing, mixture_problem
 
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import History
-from poseppl.smoothers.gibbs import gibbs_chains, gibbs_smoother, gibbs_starts
-from poseppl.smoothers.likelihood_mixture import mixture_of_gaussians
+from poseppl.smoothers.published.gibbs import gibbs_chains, gibbs_smoother, gibbs_starts
+from poseppl.smoothers.published.likelihood_mixture import mixture_of_gaussians
 
 CHAINS = 100
 POSED = mixture_problem(separation=1.5)

@@ -5,8 +5,8 @@ they are, for states that stay continuous. With a component s_t for each frame t
 
     p(x, s, z) = p(x_0) prod_t p(x_t | x_(t-1)) prod_t phi_(t, s_t)(x_t),
 
-phi of :mod:`poseppl.smoothers.likelihood_mixture`. We look for q(x) q(s), q(s) = prod_t r_t(s_t), with the least free energy,
-which is KL(q || p(x, s | z)) up to a constant:
+phi of :mod:`poseppl.smoothers.published.likelihood_mixture`. We look for q(x) q(s), q(s) = prod_t r_t(s_t), with the least free
+energy, which is KL(q || p(x, s | z)) up to a constant:
 
     F = E_q[-log p(x)] - H[q(x)] + sum_t sum_k r_tk (log r_tk - l_tk),      l_tk = E_q[log phi_tk(x_t)].
 
@@ -67,7 +67,7 @@ from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_transitions
 from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_draws
-from poseppl.smoothers.likelihood_mixture import (
+from poseppl.smoothers.published.likelihood_mixture import (
     LikelihoodMixture,
     MixtureSettings,
     fit_likelihood_mixture,
@@ -126,7 +126,8 @@ def variational_smoother(
         num_rounds: Rounds of fixed-point updates.
         num_draws: Draws of q(x) that are returned.
         factorised: Whether q(x) is a product over frames, as in the paper; False keeps the trajectory's dependence.
-        mixture: The other settings of the mixture; :class:`~poseppl.smoothers.likelihood_mixture.MixtureSettings` if None.
+        mixture: The other settings of the mixture;
+            :class:`~poseppl.smoothers.published.likelihood_mixture.MixtureSettings` if None.
 
     Returns:
         The smoother; ``info.divergences`` counts the rounds in which the free energy rose beyond rounding: 0.

@@ -10,7 +10,7 @@ import numpy as np
 from poseppl_models.toys.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.likelihood_mixture import LikelihoodMixture, mixture_of_gaussians
+from poseppl.smoothers.published.likelihood_mixture import LikelihoodMixture, mixture_of_gaussians
 
 
 class MixtureProblem(NamedTuple):

@@ -9,7 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 
-from poseppl.filters.mode_mixture import _folded, predicted_modes
+from poseppl.filters.published.mode_mixture import _folded, predicted_modes
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import constraints
 from poseppl.program import StateSpaceModel

@@ -15,7 +15,7 @@ density, not the likelihood. A smoother on it counts the past twice at every fra
 close together; where points are dense, the mixture is high.) The weights used here are the history's, with which the particles
 of any filter stand for its filtering density; those of a filter that resamples at every frame are the likelihoods.
 
-**Corrections.** pi is known from the particles of the frame before (:mod:`poseppl.smoothers.prediction`).
+**Corrections.** pi is known from the particles of the frame before (:mod:`poseppl.smoothers.published.prediction`).
 
 * ``"none"``: the paper's.
 * ``"weights"``: points weighted by w_i / pi(x_i) stand for p(z_t | x) where there are particles. Consistent as points multiply
@@ -44,7 +44,7 @@ from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed, fit_free
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
-from poseppl.smoothers.prediction import log_predicted, map_frames, predicted_moments
+from poseppl.smoothers.published.prediction import log_predicted, map_frames, predicted_moments
 
 Covariance = Literal["fixed", "free"]
 Correction = Literal["none", "weights", "moments"]

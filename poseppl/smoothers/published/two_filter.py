@@ -7,8 +7,8 @@ approximates gamma~_t(x) ~ gamma_t(x) p(z_t..T-1 | x) by particles x~_t^j of wei
     w~_t ~ gamma_t(x~_t) p(z_t | x~_t) p(x~_(t+1) | x~_t) / (gamma_(t+1)(x~_(t+1)) q(x~_t | x~_(t+1))),
 
 with ancestors x~_(t+1) resampled by weight. gamma_t and q are Gaussians fitted to the forward filter's particles, so that the
-backward filter looks where the forward one was (:mod:`poseppl.smoothers.artificial_prior`). At frames t >= 1 the result
-stands on the backward particles, which are new: smoothing can leave the forward filter's places. Their weights are
+backward filter looks where the forward one was (:mod:`poseppl.smoothers.published.artificial_prior`). At frames t >= 1 the
+result stands on the backward particles, which are new: smoothing can leave the forward filter's places. Their weights are
 
     exact:  w_(t|T)^j ~ w~_t^j / gamma_t(x~_t^j) sum_i w_(t-1)^i p(x~_t^j | x_(t-1)^i),                             O(N^2) a
         frame,
@@ -41,8 +41,8 @@ from poseppl.particles.weights import Normalised, normalise, weighted_covariance
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
-from poseppl.smoothers.artificial_prior import floor_of, pair_moments, summarise
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous, smoothing_info
+from poseppl.smoothers.published.artificial_prior import floor_of, pair_moments, summarise
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
 Method = Literal["exact", "linear"]

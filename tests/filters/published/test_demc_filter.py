@@ -11,7 +11,7 @@ import pytest
 from law_problems import MASKED, problem, z_scores
 
 from poseppl.filters import DEMCState, demc_filter
-from poseppl.filters.demc import _noise_factor
+from poseppl.filters.published.demc import _noise_factor
 from poseppl.program import StateSpaceModel
 
 

@@ -12,7 +12,7 @@ from law_problems import MASKED, problem, replicate, z_scores
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.filters import AnnealedState, annealed_filter
-from poseppl.filters.annealed import Annealing, _cross, _Layer, _refine, annealing_exponent, predict_by_transition
+from poseppl.filters.published.annealed import Annealing, _cross, _Layer, _refine, annealing_exponent, predict_by_transition
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import effective_sample_size
 

@@ -1,0 +1,1 @@
+"""Smoothers as single papers published them: to reproduce those papers, and to compare with."""
