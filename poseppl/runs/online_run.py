@@ -18,10 +18,11 @@ from jax import Array
 
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
+from poseppl.filters.scan import Collect
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.compiled_scan import Calls, Collect, Kept
+from poseppl.runs.compiled_scan import Calls, Kept
 from poseppl.runs.course import Course, OnFailure, Run
 from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
 from poseppl.runs.predictive import Predict
