@@ -75,10 +75,10 @@ class Start(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One frame, or with a leading T several: its number, keys and data, and those inputs that vary."""
+    """One frame, or with a leading T several: its keys, number and data, and those inputs that vary."""
 
-    number: Any
     keys: FrameKeys
+    number: Any
     observation: Observation
     varying: list[Any]
 
@@ -137,11 +137,12 @@ def scan_filter(
     layout, *inputs = split_inputs(inputs)
     data, varying, constant = jax.tree.map(jnp.asarray, (observations, *inputs))
     numbers = jnp.arange(num_frames, dtype=jnp.int32)
-    frames = Frame(numbers, jax.vmap(frame_keys, (None, 0))(rng_key, numbers), data, varying)
+    frames = Frame(jax.vmap(frame_keys, (None, 0))(rng_key, numbers), numbers, data, varying)
     first = rows_of(frames, 0)
     start = begin(filter, first.keys.step, first.observation, layout.join(first.varying, constant))
     advance = frame_program(filter, layout.join, collect, predict)
-    return scan_frames(lambda state, frame: advance(state, start.info, frame, constant), start.state, frames)
+    state, kept = jax.lax.scan(lambda state, frame: advance(state, start.info, frame, constant), start.state, frames)
+    return Scan(kept[0], state, kept[1])
 
 
 def begin(filter: Filter, rng_key: Array, observation: Observation, inputs: Any) -> Start:
@@ -171,17 +172,3 @@ def frame_program(
         return state, (collect(frame.keys.collect, state, info, inputs), prediction)
 
     return advance
-
-
-def scan_frames(advance: Callable[[Any, Any], Any], state: Any, frames: Frame, stop: Any = None) -> Scan:
-    """Go through frames with `(state, frame) -> (state, kept)`; those from number `stop` on copy the state, and keep zeros."""
-
-    def unless_done(state: Any, frame: Frame) -> Any:
-        def skip(state: Any) -> Any:
-            blank = jax.eval_shape(advance, state, frame)[1]
-            return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), blank)
-
-        return jax.lax.cond(frame.number < stop, lambda state: advance(state, frame), skip, state)
-
-    state, (outputs, prediction) = jax.lax.scan(advance if stop is None else unless_done, state, frames)
-    return Scan(outputs, state, prediction)

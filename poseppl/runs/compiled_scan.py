@@ -30,7 +30,6 @@ from poseppl.filters.scan import (
     collect_info,
     frame_keys,
     frame_program,
-    scan_frames,
 )
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
@@ -89,10 +88,10 @@ def collect_kept(filter: Filter, collect: Collect, keep: bool) -> Collect:
     """Keep of a frame :class:`Kept`, with or without the filter's history."""
 
     def collect_all(rng_key: Array, state: Any, info: Info, inputs: Any) -> Kept:
-        outputs = collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
         history = history_of_frame(filter, state, info) if keep else None
-        finite, unique = is_finite(state, filter.model), _num_unique(info.ancestors)
-        return Kept(outputs, collect_info(rng_key, state, info, inputs), unique, finite, None, history)
+        outputs = collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
+        told = collect_info(rng_key, state, info, inputs)
+        return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
     return collect_all
 
@@ -142,18 +141,28 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
-    def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, tuple[Kept, Any]]:
-        return advance(start.state, start.info, frame._replace(keys=_keys_like(rng_key, frame.keys)), constant)
+    def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, Kept]:
+        frame = frame._replace(keys=_keys_like(rng_key, frame.keys))
+        state, (kept, prediction) = advance(start.state, start.info, frame, constant)
+        return state, kept._replace(prediction=prediction)
 
-    @jit
-    def scan(rng_key: Array, start: Start, frames: Frame, constant: list[Any], stop: Any) -> tuple[Any, tuple[Kept, Any]]:
-        """Frames up to number `stop`. Where the first is among them, `start` is that of `init`."""
-        whole = scan_frames(
-            lambda state, frame: one_frame(rng_key, start._replace(state=state), frame, constant), start.state, frames, stop
-        )
-        return whole.state, (whole.outputs, whole.prediction)
+    def scan_frames(rng_key: Array, start: Start, frames: Frame, active: Array, constant: list[Any]) -> tuple[Any, Kept]:
+        """Frames of which the `active` (length,) ones count. Where the first is among them, `start` is that of `init`."""
 
-    return _Programs(one_frame, scan, {})
+        def body(state: Any, row: tuple[Frame, Array]) -> tuple[Any, Kept]:
+            def run(state: Any) -> tuple[Any, Kept]:
+                result: tuple[Any, Kept] = one_frame(rng_key, start._replace(state=state), row[0], constant)
+                return result
+
+            def skip(state: Any) -> tuple[Any, Kept]:
+                return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), jax.eval_shape(run, state)[1])
+
+            result: tuple[Any, Kept] = jax.lax.cond(row[1], run, skip, state)
+            return result
+
+        return jax.lax.scan(body, start.state, (frames, active))
+
+    return _Programs(one_frame, jit(scan_frames), {})
 
 
 class Calls:
@@ -253,9 +262,8 @@ class Calls:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
         rng_key, frame, constant = self._first_data()
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
-        blank: tuple[Any, Info | None, Kept] = jax.tree.map(
-            lambda x: np.zeros(x.shape, x.dtype), (state, start.info, _with_prediction(kept))
-        )
+        shapes = state, start.info, kept
+        blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
         return blank
 
     def _first_data(self) -> tuple[Any, ...]:
@@ -268,11 +276,12 @@ class Calls:
             self._keys_from = start
         begin = start - self._keys_from
         keys = rows_of(self._keys, slice(begin, begin + length))
-        return Frame(np.arange(start, start + length, dtype=np.int32), keys, *self._sequence.rows(start, length))
+        return Frame(keys, np.arange(start, start + length, dtype=np.int32), *self._sequence.rows(start, length))
 
     def _scan_data(self, start: Start, first: int, stop: int) -> tuple[Any, ...]:
         placed = start._replace(state=self.filter.to_devices(start.state))
-        return self._rng_key, placed, self._frames(first, self._length), self._sequence.constant, np.int32(stop)
+        frames = self._frames(first, self._length)
+        return self._rng_key, placed, frames, frames.number < stop, self._sequence.constant
 
 
 def joined(parts: list[Kept]) -> Kept:
@@ -288,11 +297,7 @@ def kind_of(data: Any) -> Any:
     return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))
 
 
-def _on_host(result: tuple[Any, tuple[Kept, Any]], num_frames: int) -> tuple[Any, Kept]:
+def _on_host(result: tuple[Any, Kept], num_frames: int) -> tuple[Any, Kept]:
     """The frames of a call on the host; the state stays where it is."""
     state, kept = result
-    return state, jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], _with_prediction(kept))
-
-
-def _with_prediction(kept: tuple[Kept, Prediction | None]) -> Kept:
-    return kept[0]._replace(prediction=kept[1])
+    return state, jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept)

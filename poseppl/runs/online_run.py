@@ -4,7 +4,8 @@
     outputs = run.add(observations, inputs).outputs                                      # some more, of the same shapes
     whole = run.finish()
 
-It is made of the programs of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the very same numbers.
+It is made of the frames of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the same numbers within float
+rounding.
 :class:`poseppl.runs.online.Online` is the lighter one, which keeps the filter's state alone.
 """
 
