@@ -19,7 +19,6 @@ from poseppl.filters.base import Filter
 from poseppl.filters.chains import ChainState
 from poseppl.filters.scan import scan_filter
 from poseppl.motion.tracking.problem import Problem
-from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.results import QUANTILES
@@ -138,7 +137,7 @@ class _Known(NamedTuple):
 
 def _arguments(problem: Problem, truth: Any) -> _Known:
     arguments: _Known = jax.device_put(
-        _Known(stacked_inputs(problem.inputs, len(truth)), problem.observations, jnp.asarray(truth))
+        _Known(problem.inputs, problem.observations, jnp.asarray(truth))
     )
     return arguments
 
