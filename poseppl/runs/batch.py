@@ -4,8 +4,8 @@
     whole["summary/level_mean"]                                                                # (series, frame)
     one = one_series(whole, 17)                                                                # a result like any other
 
-Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Draws of different
-series are independent. Those of a filter that draws depend, besides the key, on the number of series in a chunk.
+Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Series i has the
+key ``jax.random.fold_in(rng_key, i)``, and is the run that :func:`poseppl.infer` makes of it, within float rounding.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def infer_batch(
         data: Arrays (S, T, ...) by the name of their site, NaN where nothing was seen; or a list of S dicts of
             arrays (T_s, ...).
         filter: A filter of the model, or its builder.
-        rng_key: PRNG key; the same key and chunk give the same result.
+        rng_key: PRNG key; series i has ``jax.random.fold_in(rng_key, i)``, whatever the chunk.
         inputs: Inputs (S, T, ...), what is the same for all wrapped in :class:`~poseppl.runs.run.Constant`; or a list of S,
             each with a leading T_s; None where the model takes none.
         lengths: Frames (S,) of each series, where `data` are arrays that are padded; T for all if None.

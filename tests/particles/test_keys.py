@@ -40,12 +40,11 @@ def test_replicates_draw_independently():
 def test_a_replicate_draws_what_its_key_draws_alone():
     def replicate(key):
         keys = particle_keys(key, 5)
-        return jax.vmap(jax.random.normal)(keys), jax.vmap(lambda key: jax.vmap(jax.random.normal)(jax.random.split(key, 2)))(
-            keys
-        )
+        pairs = jax.vmap(lambda key: jax.vmap(jax.random.normal)(jax.random.split(key, 2)))(keys)
+        return jax.vmap(jax.random.normal)(keys), pairs
 
     keys = jax.random.split(jax.random.key(0), 3)
-    together, alone = jax.vmap(replicate)(keys), jax.lax.map(replicate, keys)
+    together, alone = jax.jit(lambda keys: (jax.vmap(replicate)(keys), jax.lax.map(replicate, keys)))(keys)
     for one, other in zip(together, alone, strict=True):
         np.testing.assert_array_equal(one, other)
         assert len(np.unique(one)) == one.size
