@@ -28,6 +28,7 @@ from poseppl.filters import (
     particle_filter,
     tempered_filter,
 )
+from poseppl.filters.scan import scan_filter
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel
 
@@ -93,17 +94,7 @@ def scanned(filter: Filter, observations: Any) -> Callable[[jax.Array], jax.Arra
 
     @jax.jit
     def run(rng_key: jax.Array) -> jax.Array:
-        key_init, key_steps = jax.random.split(rng_key)
-        state, info = filter.init(key_init, jax.tree.map(lambda leaf: leaf[0], observations))
-        later = jax.tree.map(lambda leaf: leaf[1:], observations)
-
-        def advance(state: Any, row: Any) -> tuple[Any, jax.Array]:
-            state, info = filter.step(row[0], state, row[1])
-            return state, info.log_evidence
-
-        keys = jax.random.split(key_steps, jax.tree.leaves(later)[0].shape[0])
-        _, rest = jax.lax.scan(advance, state, (keys, later))
-        return info.log_evidence + jnp.sum(rest)
+        return jnp.sum(scan_filter(filter, rng_key, observations).outputs.log_evidence)
 
     return run
 

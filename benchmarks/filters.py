@@ -20,8 +20,10 @@ import jax.numpy as jnp
 from benchmarks.simulated import build_problem, draw_sequence
 from benchmarks.timing import arguments, interleave, peak_memory, show
 from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
+from poseppl.filters.scan import scan_filter
 from poseppl.kernels import HMCSettings, whitening
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.frame_inputs import Constant
 
 CHAINS, PAPER = 10, HMCSettings(num_updates=32, num_leapfrog=40, num_warmup=6)
 
@@ -32,7 +34,7 @@ FILTERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
 }
 
 
-def scan_filter(build: Callable[[CompiledModel], Filter], num_frames: int) -> Callable[[], Any]:
+def prepared(build: Callable[[CompiledModel], Filter], num_frames: int) -> Callable[[], Any]:
     """Prepare a filter's run over a simulated sequence, keeping the posterior means alone."""
     problem = build_problem()
     observations = draw_sequence(problem, 0, num_frames).observations
@@ -40,28 +42,24 @@ def scan_filter(build: Callable[[CompiledModel], Filter], num_frames: int) -> Ca
 
     @jax.jit
     def run(rng_key: jax.Array, observations: Observation) -> jax.Array:
-        first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], observations) for rows in (0, slice(1, None)))
-        state, _ = tracker.init(rng_key, first, problem.inputs)
+        def mean(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> jax.Array:
+            return jax.nn.softmax(state.log_weights.ravel()) @ state.particles.reshape(-1, problem.model.dimension)
 
-        def step(state: Any, row: Any) -> tuple[Any, jax.Array]:
-            state, _ = tracker.step(row[0], state, row[1], problem.inputs)
-            weights = jax.nn.softmax(state.log_weights.ravel())
-            return state, weights @ state.particles.reshape(-1, problem.model.dimension)
-
-        return jax.lax.scan(step, state, (jax.random.split(rng_key, num_frames - 1), later))[1]
+        found: jax.Array = scan_filter(tracker, rng_key, observations, Constant(problem.inputs), collect=mean).outputs
+        return found
 
     return lambda: run(jax.random.key(1), observations)
 
 
 def measure_memory(name: str, num_frames: int, answer: Any) -> None:
     """Run a filter alone, in a process of its own, and send its largest memory."""
-    jax.block_until_ready(scan_filter(FILTERS[name], num_frames)())
+    jax.block_until_ready(prepared(FILTERS[name], num_frames)())
     answer.put(peak_memory())
 
 
 def report_filters(num_frames: int, repetitions: int) -> None:
     """Frames a second, seconds of the first call, memory."""
-    seconds = interleave({name: scan_filter(build, num_frames) for name, build in FILTERS.items()}, repetitions)
+    seconds = interleave({name: prepared(build, num_frames) for name, build in FILTERS.items()}, repetitions)
     context = multiprocessing.get_context("spawn")
     rows = []
     for name, timing in seconds.items():

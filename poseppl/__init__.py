@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         particle_filter as particle_filter,
         tempered_filter as tempered_filter,
     )
+    from poseppl.filters.scan import Scan as Scan, scan_filter as scan_filter
     from poseppl.kernels import HMCSettings as HMCSettings
     from poseppl.program import (
         Clamped as Clamped,
@@ -112,6 +113,8 @@ _HOMES = {
     "kalman_filter": "filters",
     "particle_filter": "filters",
     "tempered_filter": "filters",
+    "Scan": "filters.scan",
+    "scan_filter": "filters.scan",
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
     "forecast": "runs.forecasting",

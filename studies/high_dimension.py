@@ -19,6 +19,7 @@ from poseppl_models.toys.linear_gaussian import LinearGaussian, linear_gaussian_
 
 from benchmarks.timing import arguments, interleave, show
 from poseppl.filters import Filter, guided_filter, particle_filter, tempered_filter
+from poseppl.filters.scan import scan_filter
 from poseppl.kernels import HMC_MOVES
 from poseppl.program import CompiledModel, Observation
 
@@ -68,25 +69,16 @@ def kalman(matrices: LinearGaussian, ys: np.ndarray) -> Exact:
     return Exact(float(log_evidence), np.stack(means))
 
 
-def scan_filter(filter_: Filter, observations: Observation, num_frames: int) -> Callable[[jax.Array], Any]:
+def evidence_and_means(filter_: Filter, observations: Observation) -> Callable[[jax.Array], Any]:
     """From a key to the log-evidence and the filtered means (T, d), compiled."""
 
     @jax.jit
     def run(rng_key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        key_init, key_steps = jax.random.split(rng_key)
-        first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], observations) for rows in (0, slice(1, None)))
-
-        def keep(state: Any, info: Any) -> tuple[jax.Array, jax.Array]:
+        def keep(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
             return info.log_evidence, jnp.exp(state.log_weights) @ state.particles
 
-        def step(state: Any, row: Any) -> tuple[Any, Any]:
-            state, info = filter_.step(row[0], state, row[1], None)
-            return state, keep(state, info)
-
-        state, info = filter_.init(key_init, first, None)
-        start = keep(state, info)
-        _, rest = jax.lax.scan(step, state, (jax.random.split(key_steps, num_frames - 1), later))
-        return start[0] + rest[0].sum(), jnp.concatenate([start[1][None], rest[1]])
+        log_evidence, means = scan_filter(filter_, rng_key, observations, collect=keep).outputs
+        return log_evidence.sum(), means
 
     return run
 
@@ -100,7 +92,7 @@ def main() -> None:
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in FILTERS}
 
     def rival(name: str, build: Callable[[CompiledModel, int], Filter]) -> Callable[[], Any]:
-        run = scan_filter(build(model, particles), model.observe({"y": ys}), frames)
+        run = evidence_and_means(build(model, particles), model.observe({"y": ys}))
 
         def once() -> None:
             log_evidence, means = jax.block_until_ready(run(jax.random.key(len(found[name]))))

@@ -19,6 +19,7 @@ import numpy as np
 from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import assumed_density, assumed_density_filter, kalman_filter
+from poseppl.filters.scan import scan_filter
 from poseppl.program import CompiledModel, Observation
 
 DIMENSION, SEEN, STEP = 28, 14, 0.1
@@ -39,18 +40,9 @@ def run(filter: Any, model: CompiledModel, data: np.ndarray) -> tuple[np.ndarray
     def one(row: Any) -> Any:
         rng_key, ys = row
         observations = Observation({"y": ys}, {"y": jnp.ones(ys.shape, bool)})
-        first, rest = (jax.tree.map(lambda leaf, part=part: leaf[part], observations) for part in (0, slice(1, None)))
-        key_init, key_steps = jax.random.split(rng_key)
-        state, _ = filter.init(key_init, first)
+        return scan_filter(filter, rng_key, observations, collect=moments).outputs
 
-        def step(state: Any, item: Any) -> Any:
-            state, _ = filter.step(item[0], state, item[1])
-            return state, moments(state)
-
-        _, later = jax.lax.scan(step, state, (jax.random.split(key_steps, ys.shape[0] - 1), rest))
-        return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), moments(state), later)
-
-    def moments(state: Any) -> tuple[jax.Array, jax.Array]:
+    def moments(rng_key: Any, state: Any, info: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
         if hasattr(state, "posterior"):
             return state.posterior.mean, jnp.diagonal(state.posterior.covariance)
         draws = state.particles.reshape(-1, DIMENSION)

@@ -33,6 +33,7 @@ from poseppl.filters import (
     particle_filter,
     tempered_filter,
 )
+from poseppl.filters.scan import scan_filter
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.simulation import simulate
@@ -148,22 +149,13 @@ def positive(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
 
 def run_filter(built: Filter, rng_key: jax.Array, observations: Observation) -> tuple[jax.Array, History]:
     """P(x_t > 0) (T,), and the history."""
-    num_frames = observations.values["y"].shape[0]
-    keys = jax.random.split(rng_key, num_frames)
-    first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], observations) for rows in (0, slice(1, None)))
-    state, info = built.init(keys[0], first, None)
 
-    def keep(state: Any, info: Any) -> Any:
+    def keep(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Any:
         particles = state.particles.reshape(-1, 1)
         log_weights = jax.nn.log_softmax(state.log_weights.ravel())
         return positive(particles, log_weights), History(particles, log_weights, info.ancestors, info.failed)
 
-    def step(state: Any, row: Any) -> Any:
-        state, info = built.step(row[0], state, row[1], None)
-        return state, keep(state, info)
-
-    _, rest = jax.lax.scan(step, state, (keys[1:], later))
-    both: tuple[jax.Array, History] = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), keep(state, info), rest)
+    both: tuple[jax.Array, History] = scan_filter(built, rng_key, observations, collect=keep).outputs
     return both
 
 

@@ -22,12 +22,13 @@ from benchmarks.simulated import build_problem, draw_sequence
 from benchmarks.timing import arguments, show
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import Filter, assumed_density_filter, kalman_filter, window_filter
+from poseppl.filters.scan import scan_filter
 from poseppl.motion.geometry import marker_positions, paper_camera
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import make_problem, observe_motion
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.run import frame_inputs
+from poseppl.runs.run import Constant, frame_inputs
 
 BOUNDS = (0.05, 0.25, 0.75, 0.95)
 
@@ -74,21 +75,12 @@ def run_of(filter: Filter, posed: Sequences) -> Callable[[jax.Array, Observation
     """`(rng_key, observations (T, ...)) -> summaries and info, (T, ...)`."""
     collect = collect_draws(posed.model, max_draws=1, quantiles=BOUNDS)
 
-    def kept(rng_key: jax.Array, state: Any, info: Any) -> tuple[Any, Any]:
-        return collect(rng_key, state, info, posed.inputs).summary, info._replace(ancestors=jnp.zeros((), jnp.int32))
+    def kept(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> tuple[Any, Any]:
+        return collect(rng_key, state, info, inputs).summary, info._replace(ancestors=jnp.zeros((), jnp.int32))
 
     def run(rng_key: jax.Array, observations: Observation) -> tuple[Any, Any]:
-        first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], observations) for rows in (0, slice(1, None)))
-        key_first, key_later = jax.random.split(rng_key)
-        state, info = filter.init(key_first, first, posed.inputs)
-
-        def step(state: Any, row: Any) -> tuple[Any, tuple[Any, Any]]:
-            state, info = filter.step(row[0], state, row[1], posed.inputs)
-            return state, kept(row[0], state, info)
-
-        keys = jax.random.split(key_later, len(jax.tree.leaves(observations)[0]) - 1)
-        rest = jax.lax.scan(step, state, (keys, later))[1]
-        return jax.tree.map(lambda one, many: jnp.concatenate([one[None], many]), kept(key_first, state, info), rest)
+        found: tuple[Any, Any] = scan_filter(filter, rng_key, observations, Constant(posed.inputs), collect=kept).outputs
+        return found
 
     return jax.jit(run)
 

@@ -28,7 +28,7 @@ from poseppl.diagnostics.verdicts.predictive import check_predictions
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
-from poseppl.particles.stacks import prepend, split_first
+from poseppl.filters.scan import scan_filter
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
@@ -86,18 +86,7 @@ def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows:
 def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any, rows: Any) -> DataPrediction:
     bound = model.with_params(params)
     built, predict = filter_for(bound, filter), predictive_checks(bound, of_state=False)
-    key_first, key_later = jax.random.split(rng_key)
-    first, later = split_first(rows)
-    state, _ = built.init(key_first, *first)
-    foretold = predict(key_first, state, True, *first).data
-
-    def advance(state: Any, row: Any) -> tuple[Any, DataPrediction]:
-        key_step, key_predict = jax.random.split(jax.random.fold_in(key_later, row[0]))
-        foretold = predict(key_predict, state, False, *row[1]).data
-        return built.step(key_step, state, *row[1])[0], foretold
-
-    _, rest = jax.lax.scan(advance, state, (jnp.arange(jax.tree.leaves(later)[0].shape[0]), later))
-    whole: DataPrediction = prepend(foretold, rest)
+    whole: DataPrediction = scan_filter(built, rng_key, *rows, predict=predict).prediction.data
     return whole
 
 

@@ -7,14 +7,14 @@ key, so that N normals cost no more than `jax.random.normal(rng_key, (N,))`; a k
 draws from the shared key folded with its number. Programs see ordinary scalar keys, may split them and draw anything, and
 particles are independent.
 
-A batch draws from its first key alone: a function that is vmapped once more, over replicates, gives distinct draws in each of
-them, all determined by the key of the first replicate.
+A batch draws from its first key alone. A function that is vmapped once more, over replicates, draws in each of them what it
+draws from that replicate's key without `vmap`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -23,6 +23,8 @@ import jax.numpy as jnp
 from jax import Array
 
 _WORDS = 3
+_SPREAD = 0x9E3779B9
+"""An odd number that spreads the numbers of particles over a word of the key."""
 
 
 def particle_keys(rng_key: Array, num: int) -> Array:
@@ -47,36 +49,27 @@ def _with_number(shared: Array, number: Array) -> Array:
 def _random_bits(data: Array, bit_width: int, shape: Sequence[int]) -> Array:
     dtype = jnp.dtype(f"uint{bit_width}")
 
+    @jax.custom_batching.custom_vmap
     def draw(data: Array) -> Array:
         return jax.random.bits(jax.random.fold_in(_shared(data), data[2]), tuple(shape), dtype)
 
-    return _drawn(draw, data, dtype, tuple(shape))
-
-
-def _bits_of_batch(data: Array, dtype: Any, shape: tuple[int, ...]) -> Array:
-    """Bits of all particles from the key of the first."""
-
-    def draw(data: Array) -> Array:
-        if dtype != jnp.uint32:
-            return jax.random.bits(_shared(data), shape, dtype)
-        # both words of each block of the cipher, of which JAX's own, which can be sharded, adds up one
-        numbers = jax.lax.iota(jnp.uint32, math.prod(shape))
-        bits: Array = jax.extend.random.threefry_2x32(data[:2], numbers)
-        return bits.reshape(shape)
-
-    return _drawn(draw, data, dtype, shape)
-
-
-def _drawn(draw: Callable[[Array], Array], data: Array, dtype: Any, shape: tuple[int, ...]) -> Array:
-    """What is drawn from one key; for a batch of keys, bits of the whole batch at once."""
-    batched = jax.custom_batching.custom_vmap(draw)
-
-    @batched.def_vmap
+    @draw.def_vmap
     def _batch(size: int, is_batched: Any, data: Array) -> tuple[Array, bool]:
         return _bits_of_batch(data[0], dtype, (size, *shape)), True
 
-    bits: Array = batched(data)
+    bits: Array = draw(data)
     return bits
+
+
+def _bits_of_batch(data: Array, dtype: Any, shape: tuple[int, ...]) -> Array:
+    """Bits of all particles from the key of the first, whose number is 0 unless they are parts of one particle."""
+    words = jnp.stack([data[0], data[1] ^ (data[2] * jnp.uint32(_SPREAD))])
+    if dtype != jnp.uint32:
+        return jax.random.bits(_shared(words), shape, dtype)
+    # both words of each block of the cipher, of which JAX's own, which can be sharded, adds up one
+    numbers = jax.lax.iota(jnp.uint32, math.prod(shape))
+    bits: Array = jax.extend.random.threefry_2x32(words, numbers)
+    return bits.reshape(shape)
 
 
 def _split(data: Array, shape: Sequence[int]) -> Array:

@@ -4,8 +4,8 @@
     whole["summary/level_mean"]                                                                # (series, frame)
     one = one_series(whole, 17)                                                                # a result like any other
 
-Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Draws of different
-series are independent. Those of a filter that draws depend, besides the key, on the number of series in a chunk.
+Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Series i has the
+key ``jax.random.fold_in(rng_key, i)``, and is the run that :func:`poseppl.infer` makes of it, within float rounding.
 """
 
 from __future__ import annotations
@@ -26,22 +26,21 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError, brief
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
+from poseppl.filters.scan import scan_filter
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.compiled_scan import frame_keys, is_finite
+from poseppl.runs.compiled_scan import Kept, collect_kept
 from poseppl.runs.contents import FLAT, HISTORY
 from poseppl.runs.filter_history import (
     HISTORY_AXES,
     HISTORY_MIB,
     MIB,
     bytes_of_frame,
-    history_of_frame,
     history_variables,
     no_room,
-    with_genealogy_alone,
 )
 from poseppl.runs.frame_sequence import Constant
 from poseppl.runs.infer import filter_of
@@ -78,7 +77,7 @@ def infer_batch(
         data: Arrays (S, T, ...) by the name of their site, NaN where nothing was seen; or a list of S dicts of
             arrays (T_s, ...).
         filter: A filter of the model, or its builder.
-        rng_key: PRNG key; the same key and chunk give the same result.
+        rng_key: PRNG key; series i has ``jax.random.fold_in(rng_key, i)``, whatever the chunk.
         inputs: Inputs (S, T, ...), what is the same for all wrapped in :class:`~poseppl.runs.run.Constant`; or a list of S,
             each with a leading T_s; None where the model takes none.
         lengths: Frames (S,) of each series, where `data` are arrays that are padded; T for all if None.
@@ -107,7 +106,7 @@ def infer_batch(
     if len(called) != number or len(set(called)) != number:
         raise InputError(f"{len(set(called))} different names", field="names", expected=f"{number}, one for each series")
     rows = _stacked_inputs(inputs, ends, frames)
-    keys = jax.random.split(rng_key, number)
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(rng_key, jnp.arange(number))
     note = progress.note if progress else _LOGGER.warning
     keep = _has_room(built, (keys, observations, rows), number * frames, history_mib, note)
     series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect, keep)
@@ -160,31 +159,11 @@ def _has_room(filter: Filter, series: Any, num_frames: int, room: float, note: N
 
 @built_once
 def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
-    """`(keys, observations, inputs) -> (outputs, info, finite, history)`, each (S, T, ...), of a chunk of series."""
+    """`(keys, observations, inputs) -> Kept`, each (S, T, ...), of a chunk of series."""
 
-    def of_frame(key: Array, frame: Any, advance: Any, inputs: Any) -> Any:
-        key_filter, key_collect = frame_keys(key, frame)
-        state, info = advance(key_filter)
-        told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-        history = history_of_frame(filter, state, info) if keep else None
-        return state, (
-            collect(key_collect, state, with_genealogy_alone(filter, info), inputs),
-            told,
-            is_finite(state, filter.model),
-            history,
-        )
-
-    def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
-        first, row = rows_of((observations, inputs), 0)
-        state, kept = of_frame(key, 0, lambda key: filter.init(key, first, row), row)
-
-        def step(state: Any, rows: Any) -> Any:
-            frame, observation, row = rows
-            return of_frame(key, frame, lambda key: filter.step(key, state, observation, row), row)
-
-        later = rows_of((jnp.arange(len(jax.tree.leaves(observations)[0])), observations, inputs), slice(1, None))
-        _, rest = jax.lax.scan(step, state, later)
-        return jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), kept, rest)
+    def of_series(key: Array, observations: Observation, inputs: Any) -> Kept:
+        kept: Kept = scan_filter(filter, key, observations, inputs, collect=collect_kept(filter, collect, keep)).outputs
+        return kept._replace(unique_ancestors=None)  # which a batch does not report, and need not compute
 
     return jit(jax.vmap(of_series))
 
@@ -300,7 +279,7 @@ def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
 
 def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[str]:
     """Sentences on the series in which data were impossible, or states are not finite."""
-    _, info, finite, _ = kept
+    info, finite = kept.info, kept.finite
     within = np.arange(finite.shape[1]) < ends[:, None]
     for what, frames in (
         ("the data are impossible under the model; such frames are predicted, not updated", info.failed & finite),
@@ -315,7 +294,7 @@ def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[
 def _result(
     kept: Any, model: CompiledModel, data: Mapping[str, NDArray[Any]], ends: NDArray[np.int64], names: list[Any], attrs: Any
 ) -> xr.DataTree:
-    outputs, info, finite, history = kept
+    outputs, info, finite = kept.outputs, kept.info, kept.finite
     chains, draws = outputs.state.shape[2:4]
     frames = finite.shape[1]
     beyond = np.arange(frames) >= ends[:, None]
@@ -343,7 +322,7 @@ def _result(
         "summary": labelled_summary({name: blank(values) for name, values in outputs.summary.items()}, of_series, known),
         "observed_data": labelled(data, of_series, known),
     }
-    variables = history_variables(history)
+    variables = history_variables(kept.history)
     if variables:
         groups[HISTORY] = checked(
             {name: (("series", *HISTORY_AXES[name]), np.asarray(each)) for name, each in variables.items()}, known

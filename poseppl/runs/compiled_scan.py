@@ -18,29 +18,33 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
+from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit, jit_lightly
 from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.filters.scan import (
+    Collect,
+    Frame,
+    FrameKeys,
+    Predict,
+    Start,
+    begin,
+    collect_info,
+    frame_keys,
+    frame_program,
+)
 from poseppl.particles.stacks import rows_of
-from poseppl.program import CompiledModel, Observation
+from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
 from poseppl.program.large_integers import are_exact
 from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
-from poseppl.runs.predictive import Predict, Prediction
+from poseppl.runs.predictive import Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
-
-Collect = Callable[[Array, Any, Any, Any], Any]
-"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LONG, _SHORT, _SINGLE = 64, 8, 1
 """Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those of large
 frames, and of those whose frames come one at a time. Rows without a frame copy the state."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
-_CHECKS = 2
-"""Number that the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
-_KEY_PROGRAMS: dict[Any, Any] = {}
-"""What makes the keys of frames, by the kind of the run's key."""
 
 
 class Kept(NamedTuple):
@@ -63,38 +67,33 @@ class Kept(NamedTuple):
     history: Any
 
 
-def frame_keys(rng_key: Array, frame: Any) -> tuple[Array, Array]:
-    """Keys of the filter and of the collector at a frame."""
-    key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
-    return key_filter, key_collect
+@jit_lightly
+def _key_data(rng_key: Array, start: Any) -> FrameKeys:
+    """Data of the keys of _LONG frames."""
+    keys: FrameKeys = jax.vmap(frame_keys, (None, 0))(rng_key, start + jnp.arange(_LONG, dtype=jnp.int32))
+    data: FrameKeys = jax.tree.map(jax.random.key_data, keys)
+    return data
 
 
-def _key_data(rng_key: Array, start: int, checks: bool) -> tuple[Any, ...]:
-    """Data of the keys of filter, collector and, if there are any, predictive checks at _LONG frames."""
-
-    def of_frame(rng_key: Array, frame: Array) -> tuple[Array, ...]:
-        key_checks = (jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS),) if checks else ()
-        return tuple(map(jax.random.key_data, (*frame_keys(rng_key, frame), *key_checks)))
-
-    kind, frames = (kind_of(rng_key), checks), np.arange(start, start + _LONG, dtype=np.int32)
-    if kind not in _KEY_PROGRAMS:
-        lowered = jit(jax.vmap(of_frame, (None, 0))).lower(rng_key, frames)
-        _KEY_PROGRAMS[kind] = compile_to_run_once(lowered, num_particles=1, num_numbers=1)
-    made: tuple[Any, ...] = jax.tree.map(np.asarray, _KEY_PROGRAMS[kind](rng_key, frames))
-    return made
+def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
+    """The keys of some data, typed if another one is."""
+    if not jnp.issubdtype(rng_key.dtype, jax.dtypes.prng_key):
+        return data
+    keys: FrameKeys = jax.tree.map(lambda each: jax.random.wrap_key_data(each, impl=jax.random.key_impl(rng_key)), data)
+    return keys
 
 
-def _key_like(rng_key: Array, data: Array) -> Array:
-    """The key of some data, typed if another one is."""
-    typed = jnp.issubdtype(rng_key.dtype, jax.dtypes.prng_key)
-    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(rng_key)) if typed else data
+@built_once
+def collect_kept(filter: Filter, collect: Collect, keep: bool) -> Collect:
+    """Keep of a frame :class:`Kept`, with or without the filter's history."""
 
+    def collect_all(rng_key: Array, state: Any, info: Info, inputs: Any) -> Kept:
+        history = history_of_frame(filter, state, info) if keep else None
+        outputs = collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
+        told = collect_info(rng_key, state, info, inputs)
+        return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
-def _keep(
-    outputs: Any, state: FilterState, info: Info, model: CompiledModel | None, prediction: Prediction | None, history: Any
-) -> Kept:
-    told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, model), prediction, history)
+    return collect_all
 
 
 def _num_unique(ancestors: Any) -> Any:
@@ -113,15 +112,8 @@ def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
     return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
 
 
-class _Starts(NamedTuple):
-    """The jitted functions that a run begins with: the filter's state before the first frame, or its `init`."""
-
-    before: Any
-    init: Any
-
-
 class _Programs(NamedTuple):
-    """The jitted functions of its frames: one of them, and a scan."""
+    """The jitted functions of a run's frames: one of them, and a scan."""
 
     frame: Any
     scan: Any
@@ -130,19 +122,14 @@ class _Programs(NamedTuple):
 
 
 @built_once
-def _starts(filter: Filter, layout: Layout) -> _Starts:
-    """How a run begins, whatever is kept of it."""
+def _start_program(filter: Filter, layout: Layout) -> Any:
+    """`(rng_key, frame, constant) -> Start`, jitted; how a run begins, whatever is kept of it."""
 
-    def before(observation: Observation, varying: list[Any], constant: list[Any]) -> Any:
-        build: Any = filter.initial_state
-        return build(observation, layout.join(varying, constant))
+    def start(rng_key: Array, frame: Frame, constant: list[Any]) -> Start:
+        key = _keys_like(rng_key, frame.keys).step
+        return begin(filter, key, frame.observation, layout.join(frame.varying, constant))
 
-    def init(
-        rng_key: Array, keys: tuple[Array, ...], observation: Observation, varying: list[Any], constant: list[Any]
-    ) -> tuple[Any, Info]:
-        return filter.init(_key_like(rng_key, keys[0]), observation, layout.join(varying, constant))
-
-    return _Starts(jit(before), jit(init))
+    return jit(start)
 
 
 @built_once
@@ -151,60 +138,29 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     tell_filter_defined_anew(filter)
     tell_defined_anew(filter, "collector", collect)
     tell_defined_anew(filter, "predictive check", predict)
+    advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
-    def one_frame(
-        rng_key: Array,
-        keys: tuple[Array, ...],
-        frame: Any,
-        before: Any,
-        begun: Info | None,
-        observation: Observation,
-        varying: list[Any],
-        constant: list[Any],
-    ) -> tuple[Any, Kept]:
-        key_filter, key_collect, *key_checks = (_key_like(rng_key, data) for data in keys)
-        inputs, first = layout.join(varying, constant), frame == 0
-        prediction = predict(key_checks[0], before, first, observation, inputs) if predict else None
+    def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, Kept]:
+        frame = frame._replace(keys=_keys_like(rng_key, frame.keys))
+        state, (kept, prediction) = advance(start.state, start.info, frame, constant)
+        return state, kept._replace(prediction=prediction)
 
-        def step(state: Any) -> tuple[Any, Info]:
-            return filter.step(key_filter, state, observation, inputs)
+    def scan_frames(rng_key: Array, start: Start, frames: Frame, active: Array, constant: list[Any]) -> tuple[Any, Kept]:
+        """Frames of which the `active` (length,) ones count. Where the first is among them, `start` is that of `init`."""
 
-        state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
-        history = history_of_frame(filter, state, info) if keep else None
-        outputs = collect(key_collect, state, with_genealogy_alone(filter, info), inputs)
-        return state, _keep(outputs, state, info, filter.model, prediction, history)
-
-    def scan_frames(
-        state: Any,
-        begun: Info | None,
-        rng_key: Array,
-        keys: tuple[Array, ...],
-        frames: Array,
-        active: Array,
-        observations: Observation,
-        varying: list[Any],
-        constant: list[Any],
-    ) -> tuple[Any, Kept]:
-        """Frames of the numbers `frames` (length,) with their `keys`, of which the `active` (length,) ones count.
-
-        Where the first is among them, `state` and `begun` are those of `init`; None where `step` takes the first one, too.
-        """
-
-        def body(state: Any, row: Any) -> tuple[Any, Kept]:
-            keys, frame, wanted, observation, varying = row
-
+        def body(state: Any, row: tuple[Frame, Array]) -> tuple[Any, Kept]:
             def run(state: Any) -> tuple[Any, Kept]:
-                result: tuple[Any, Kept] = one_frame(rng_key, keys, frame, state, begun, observation, varying, constant)
+                result: tuple[Any, Kept] = one_frame(rng_key, start._replace(state=state), row[0], constant)
                 return result
 
             def skip(state: Any) -> tuple[Any, Kept]:
                 return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), jax.eval_shape(run, state)[1])
 
-            result: tuple[Any, Kept] = jax.lax.cond(wanted, run, skip, state)
+            result: tuple[Any, Kept] = jax.lax.cond(row[1], run, skip, state)
             return result
 
-        return jax.lax.scan(body, state, (keys, frames, active, observations, varying))
+        return jax.lax.scan(body, start.state, (frames, active))
 
     return _Programs(one_frame, jit(scan_frames), {})
 
@@ -240,15 +196,15 @@ class Calls:
         history_bytes: float = 0,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
-        self._keys: tuple[Any, ...] = ()
-        self._keys_from, self._checks = -_LONG, predict is not None
-        self._starting: _Starts = _starts(filter, sequence.layout)
-        blank, begun = self._blank_state()
-        self.history_bytes = bytes_of_frame(filter, blank) * sequence.num_frames
+        self._keys: Any = None
+        self._keys_from = -_LONG
+        self._starting = _start_program(filter, sequence.layout)
+        start = self._starting.eval_shape(*self._first_data())
+        self.history_bytes = bytes_of_frame(filter, start.state) * sequence.num_frames
         self.keeps_history = 0 < self.history_bytes <= history_bytes
         self._programs: _Programs = _programs(filter, collect, predict, sequence.layout, self.keeps_history)
         self._made = self._programs.made.setdefault(kind_of(self._first_data()), {})
-        self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(blank, begun))
+        self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(start))
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
         self._begin: Any = None
@@ -277,21 +233,16 @@ class Calls:
 
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
         """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between."""
-        begun, kept = self._begun, []
+        before, kept = Start(state, self._begun), []
         if start == 0:
-            state, begun = self._start()
-        for begin in range(start, stop, self._length):
-            end = min(begin + self._length, stop)
-            state, frames = _on_host(self._scan(*self._scan_data(state, begun, begin, end)), end - begin)
+            before = self._begin(*self._first_data())
+            before = before._replace(info=jax.tree.map(np.asarray, before.info))  # of no device, so that the scan may place it
+        for first in range(start, stop, self._length):
+            end = min(first + self._length, stop)
+            state, frames = _on_host(self._scan(*self._scan_data(before, first, end)), end - first)
+            before = before._replace(state=state)
             kept.append(frames)
         return state, joined(kept)
-
-    def _start(self) -> tuple[Any, Info | None]:
-        """State and diagnosis that the scan begins with."""
-        if self.filter.initial_state is None:
-            state, begun = self._begin(*self._first_data())
-            return state, jax.tree.map(np.asarray, begun)  # of no device, so that the scan may place it
-        return self._begin(*self._first_data()[2:]), None
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """What an earlier run on data of the same kind made, or what is made now."""
@@ -300,46 +251,37 @@ class Calls:
         return self._made[name]
 
     def _compiled_start(self) -> Any:
-        if self.filter.initial_state is None:
-            lowered = self._starting.init.lower(*self._first_data())
-        else:
-            lowered = self._starting.before.lower(*self._first_data()[2:])
+        lowered = self._starting.lower(*self._first_data())
         return compile_to_run_once(lowered, self.state.log_weights.size, self.state.particles.size)
 
     def _compiled_scan(self) -> Any:
-        lowered = self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1))
+        lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
         return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.size)
 
-    def _blank_state(self) -> tuple[Any, Info | None]:
-        """Shapes of the state, and of its diagnosis by `init`."""
-        if self.filter.initial_state is None:
-            shapes: tuple[Any, Info] = self._starting.init.eval_shape(*self._first_data())
-            return shapes
-        return self._starting.before.eval_shape(*self._first_data()[2:]), None
-
-    def _blank(self, state: Any, begun: Info | None) -> tuple[Any, Info | None, Kept]:
+    def _blank(self, start: Start) -> tuple[Any, Info | None, Kept]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
-        frame = *self._sequence.frame(0), self._sequence.constant
-        state, kept = self._programs.frame.eval_shape(*self._first_data()[:2], np.int32(0), state, begun, *frame)
-        blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, begun, kept))
+        rng_key, frame, constant = self._first_data()
+        state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
+        shapes = state, start.info, kept
+        blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
         return blank
 
     def _first_data(self) -> tuple[Any, ...]:
-        return self._rng_key, rows_of(self._frame_keys(0, 1), 0), *self._sequence.frame(0), self._sequence.constant
+        return self._rng_key, rows_of(self._frames(0, 1), 0), self._sequence.constant
 
-    def _frame_keys(self, start: int, length: int) -> tuple[Any, ...]:
-        """Data of the keys of frames, which are made for more at once."""
+    def _frames(self, start: int, length: int) -> Frame:
+        """Frames from `start` on with their keys, which are made for more at once."""
         if not self._keys_from <= start <= self._keys_from + _LONG - length:
-            self._keys, self._keys_from = _key_data(self._rng_key, start, self._checks), start
+            self._keys = jax.tree.map(np.asarray, _key_data(self._rng_key, np.int32(start)))
+            self._keys_from = start
         begin = start - self._keys_from
-        return rows_of(self._keys, slice(begin, begin + length))
+        keys = rows_of(self._keys, slice(begin, begin + length))
+        return Frame(keys, np.arange(start, start + length, dtype=np.int32), *self._sequence.rows(start, length))
 
-    def _scan_data(self, state: Any, begun: Info | None, start: int, stop: int) -> tuple[Any, ...]:
-        numbers = np.arange(start, start + self._length, dtype=np.int32)
-        rows, varying = self._sequence.rows(start, self._length)
-        placed, constant = self.filter.to_devices(state), self._sequence.constant
-        keys = self._frame_keys(start, self._length)
-        return placed, begun, self._rng_key, keys, numbers, numbers < stop, rows, varying, constant
+    def _scan_data(self, start: Start, first: int, stop: int) -> tuple[Any, ...]:
+        placed = start._replace(state=self.filter.to_devices(start.state))
+        frames = self._frames(first, self._length)
+        return self._rng_key, placed, frames, frames.number < stop, self._sequence.constant
 
 
 def joined(parts: list[Kept]) -> Kept:

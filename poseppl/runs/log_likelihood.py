@@ -62,8 +62,6 @@ from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.frame_inputs import stacked_inputs
-from poseppl.program.observation import num_frames_of
 from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
 
@@ -97,12 +95,11 @@ def log_likelihood(
             evidence.
     """
     observations = model.observe(data)
-    num_frames = num_frames_of(model.observation_sites, observations)
     bound = model if params is None else _with_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key
     check_key(key)
     built = filter_for(bound, filter)
-    value = filter_evidence(built, key, observations, stacked_inputs(inputs, num_frames))
+    value = filter_evidence(built, key, observations, inputs)
     return value if built.differentiable else _without_gradient(value)
 
 

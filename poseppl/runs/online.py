@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike
 
 from poseppl.compilation import jit
 from poseppl.filters.base import Filter, Info
+from poseppl.filters.scan import frame_keys
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.explanation import check_inputs
 from poseppl.program.observation import check_frame_shapes, check_is_observation
-from poseppl.runs.compiled_scan import frame_keys, is_finite
+from poseppl.runs.compiled_scan import is_finite
 from poseppl.runs.course import RunError, breakdown_message
 from poseppl.runs.frame_sequence import device_array
 from poseppl.runs.recompilation import tell_filter_defined_anew
@@ -61,7 +62,7 @@ class Online:
             RunError: The new state is not finite, computed twice; the tracker stays at the frame before.
         """
         observation, inputs = self._checked(observation, inputs)
-        key, _ = frame_keys(self._rng_key, self.frame)
+        key = frame_keys(self._rng_key, self.frame).step
         state = self.state
         if state is None and self._filter.initial_state is not None:
             state = self._filter.initial_state(observation, inputs)

@@ -4,7 +4,8 @@
     outputs = run.add(observations, inputs).outputs                                      # some more, of the same shapes
     whole = run.finish()
 
-It is made of the programs of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the very same numbers.
+It is made of the frames of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the same numbers within float
+rounding.
 :class:`poseppl.runs.online.Online` is the lighter one, which keeps the filter's state alone.
 """
 
@@ -18,10 +19,11 @@ from jax import Array
 
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
+from poseppl.filters.scan import Collect
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.compiled_scan import Calls, Collect, Kept
+from poseppl.runs.compiled_scan import Calls, Kept
 from poseppl.runs.course import Course, OnFailure, Run
 from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
 from poseppl.runs.predictive import Predict

@@ -19,7 +19,7 @@ frame's likelihood; with these a filter's posterior has to agree (:mod:`poseppl.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import FilterState
+from poseppl.filters.scan import Predict as Predict
 from poseppl.gaussians.gaussian import lower_inverse
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
@@ -125,13 +126,6 @@ class Prediction(NamedTuple):
         state = {name: checks[name] for name in StatePrediction._fields if name in checks}
         data = DataPrediction(**{name: checks[name] for name in DataPrediction._fields if name in checks})
         return cls(data, StatePrediction(**state) if "explained" in state else None)
-
-
-class Predict(Protocol):
-    """Check a frame's data before the filter sees them."""
-
-    def __call__(self, rng_key: Array, state: FilterState, first: Any, observation: Observation, inputs: Any) -> Prediction:
-        """From the state after the frame before; where it is the first frame, from the initial program, whatever the state."""
 
 
 @built_once

@@ -22,11 +22,12 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_key
 from poseppl.filters.base import Filter
+from poseppl.filters.scan import Collect as Collect
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
-from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
+from poseppl.runs.compiled_scan import Calls, Kept as Kept
 from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
 from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, FrameSequence, frame_inputs as frame_inputs, frame_sequence

@@ -38,8 +38,10 @@ def test_parts_give_what_the_sequence_gives(ends: tuple[int, ...]) -> None:
     kept = [fed.first, *(fed.add(*rows(start, stop)) for start, stop in zip(ends, ends[1:], strict=False))]
     run = fed.finish()
     assert count == {"init": 1, "step": 1}
-    for name in ("outputs", "info", "unique_ancestors", "state", "prediction"):
+    for name in ("outputs", "info", "unique_ancestors", "state"):
         jax.tree.map(np.testing.assert_array_equal, getattr(run, name), getattr(whole, name))
+    # a scan of one frame is another program, in which XLA may round a sum otherwise
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-6), run.prediction, whole.prediction)
     parts = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(each.outputs for each in kept))
     jax.tree.map(np.testing.assert_array_equal, parts, run.outputs)
 

@@ -367,7 +367,7 @@ def counting(compiles: Callable[..., Any], done: list[str]) -> Callable[..., Any
 def test_the_time_of_the_frames_holds_no_compilation(build: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock on which nothing takes time but to trace the collector, and to compile: a second each."""
     done: list[str] = []
-    clock = SimpleNamespace(perf_counter=lambda: float(len(done)))
+    clock = SimpleNamespace(perf_counter=lambda: float(len(done)), process_time=lambda: 0.0)
     for module in ("run", "course"):
         monkeypatch.setattr(f"poseppl.runs.{module}.time", clock)
     for name in ("compile_lowered", "compile_to_run_once"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +15,12 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.diagnostics.calibration import between, joint_error
+from poseppl.filters.base import Filter
 from poseppl.filters.chains import ChainState
+from poseppl.filters.scan import scan_filter
 from poseppl.motion.tracking.problem import Problem
-from poseppl.particles.stacks import prepend, split_first
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
-from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.results import QUANTILES
 from poseppl_papers.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
 from poseppl_papers.choo_fleet.tracker_job import TrackerJob
@@ -80,7 +80,7 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
     function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
 
     def find(rng_key: Array, problem: Problem, truth: Floats) -> tuple[dict[str, Any], float]:
-        return timed(function, rng_key, *_arguments(problem, truth))
+        return timed(function, rng_key, _arguments(problem, truth))
 
     return score_runs(job, find)
 
@@ -127,10 +127,18 @@ def _inside(quantiles: Any, truth: Any) -> Floats:
     return np.stack(shares)
 
 
-def _arguments(problem: Problem, truth: Any) -> tuple[Any, ...]:
-    sequence = frame_sequence(problem.observations, problem.inputs, len(truth))
-    observations, varying = sequence.rows(0, len(truth))
-    arguments: tuple[Any, ...] = jax.device_put((observations, varying, sequence.constant, jnp.asarray(truth)))
+class _Known(NamedTuple):
+    """What is known of a frame: the model's inputs, the data and the true state (d,), with which a filter is judged."""
+
+    inputs: Any
+    observation: Any
+    truth: Any
+
+
+def _arguments(problem: Problem, truth: Any) -> _Known:
+    arguments: _Known = jax.device_put(
+        _Known(problem.inputs, problem.observations, jnp.asarray(truth))
+    )
     return arguments
 
 
@@ -142,42 +150,31 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     problem = pose_sequence(stage, frames, stage.points[frames])
     model = problem.model
     built, _ = FILTERS[filter].build(model, dict(settings))
-    layout = frame_sequence(problem.observations, problem.inputs, num_frames).layout
+    judged = Filter(
+        lambda rng_key, data, known: built.init(rng_key, data, known.inputs),
+        lambda rng_key, state, data, known: built.step(rng_key, state, data, known.inputs),
+    )
     collect = problem.collector(2)
 
-    def measure(rng_key: Array, state: Any, info: Any, observation: Any, inputs: Any) -> dict[str, Array]:
-        summary = collect(rng_key, state, info, inputs).summary
+    def measure(rng_key: Array, state: Any, info: Any, known: _Known) -> dict[str, Array]:
+        summary = collect(rng_key, state, info, known.inputs).summary
         kept = {name: summary[name] for name in ("state_mean", "state_quantile", "markers_mean", "markers_quantile")}
-        kept["log_likelihood"] = model.log_observation(summary["state_mean"], observation, inputs)
+        kept["log_likelihood"] = model.log_observation(summary["state_mean"], known.observation, known.inputs)
         return kept | {"num_likelihood": info.num_likelihood, "num_gradient": info.num_gradient}
 
-    def log_prior(state: Any, truth: Array, inputs: Any) -> Array:
+    def log_prior(rng_key: Array, state: Any, first: Array, observation: Any, known: _Known) -> Array:
         """Log-density of the true state under the mixture of transitions from the last frame's particles."""
         particles, weights = state.particles, state.log_weights
         if isinstance(state, ChainState):  # the last draw of each chain, as in Eq. 9
             particles, weights = particles[:, -1], weights[:, -1]
-        terms = log_transitions_into(model, truth, particles.reshape(-1, model.dimension), inputs)
+        terms = log_transitions_into(model, known.truth, particles.reshape(-1, model.dimension), known.inputs)
         weights = weights.reshape(-1)
-        return jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights)
+        return jnp.where(first, jnp.nan, jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights))
 
-    def run(rng_key: Array, observations: Any, varying: Any, constant: Any, truth: Array) -> dict[str, Array]:
-        def step(state: Any, row: Any) -> tuple[Any, dict[str, Array]]:
-            key, observation, varying, true = row
-            inputs = layout.join(varying, constant)
-            key_step, key_measure = jax.random.split(key)
-            prior = log_prior(state, true, inputs)
-            state, info = built.step(key_step, state, observation, inputs)
-            return state, measure(key_measure, state, info, observation, inputs) | {"log_prior": prior}
-
-        keys = jax.random.split(rng_key, num_frames)
-        first, rest = split_first((observations, varying))
-        inputs = layout.join(first[1], constant)
-        key_init, key_measure = jax.random.split(keys[0])
-        state, info = built.init(key_init, first[0], inputs)
-        start = measure(key_measure, state, info, first[0], inputs) | {"log_prior": jnp.full((), jnp.nan)}
-        _, later = jax.lax.scan(step, state, (keys[1:], *rest, truth[1:]))
-        return prepend(start, later)
+    def run(rng_key: Array, known: _Known) -> dict[str, Array]:
+        scan = scan_filter(judged, rng_key, known.observation, known, collect=measure, predict=log_prior)
+        return {**scan.outputs, "log_prior": scan.prediction}
 
     function = jit(run)
-    timed(function, jax.random.key(0), *_arguments(problem, true_states(stage, frames)))
+    timed(function, jax.random.key(0), _arguments(problem, true_states(stage, frames)))
     return function

@@ -13,6 +13,7 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.filters import particle_filter
+from poseppl.filters.scan import scan_filter
 from poseppl.motion.bodies.body import load_builder
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers import History, Smoothed, Smoother, collect_history
@@ -99,17 +100,7 @@ def filter_history(
 ) -> History:
     """The history of a bootstrap filter over all frames."""
     tracker = particle_filter(model, num_particles)
-    first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], (observations, times)) for rows in (0, slice(1, None)))
-    key_init, key_steps = jax.random.split(rng_key)
-    state, info = tracker.init(key_init, *first)
-
-    def step(state: Any, row: Any) -> tuple[Any, History]:
-        state, info = tracker.step(row[0], state, *row[1])
-        return state, collect_history(row[0], state, info, None)
-
-    begun = collect_history(key_init, state, info, None)
-    _, rest = jax.lax.scan(step, state, (jax.random.split(key_steps, times.shape[0] - 1), later))
-    history: History = jax.tree.map(lambda one, many: jnp.concatenate([one[None], many]), begun, rest)
+    history: History = scan_filter(tracker, rng_key, observations, times, collect=collect_history).outputs
     return history
 
 
