@@ -31,6 +31,7 @@ PACKAGES = (
     "poseppl.motion.recordings",
     "poseppl.motion.silhouettes",
     "poseppl.motion.tracking",
+    "poseppl.motion.verdicts",
     "poseppl.motion.vision",
     "poseppl_models",
     "poseppl_models.bodies",

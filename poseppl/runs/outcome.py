@@ -116,10 +116,12 @@ def smoothed_result(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
     ).drop_vars("quantile", errors="ignore")
-    still = [name for name, group in filtered.children.items() if "frame" not in group.sizes and name not in _CHECKS]
-    kept = {name for name in (*_KEPT, *still) if name in filtered.children} - set(
-        [] if observations is None else ["observed_data"]
-    )
+    kept = [
+        name
+        for name, group in filtered.children.items()
+        if (name in _KEPT or ("frame" not in group.sizes and name not in _CHECKS))
+        and (observations is None or name != "observed_data")
+    ]
     return build_result(
         **parts,
         names=names_of_result(filtered),

@@ -131,7 +131,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
 def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint("arm-of-theirs", ARM, "poseppl.models")
     monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [entry] if group == entry.group else [])
-    monkeypatch.setattr(poseppl_models, "BODIES", ())
+    monkeypatch.setattr("poseppl.motion.tracking.recorded_model.BODIES", ())
     assert recorded_model(result).name == ARM
     assert recorded_model(saying(result, model="arm-of-theirs")).name == "arm-of-theirs"
     assert body_builder("arm-of-theirs") is body_builder(ARM)
