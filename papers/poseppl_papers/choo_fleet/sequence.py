@@ -136,9 +136,7 @@ class _Known(NamedTuple):
 
 
 def _arguments(problem: Problem, truth: Any) -> _Known:
-    arguments: _Known = jax.device_put(
-        _Known(problem.inputs, problem.observations, jnp.asarray(truth))
-    )
+    arguments: _Known = jax.device_put(_Known(problem.inputs, problem.observations, jnp.asarray(truth)))
     return arguments
 
 
