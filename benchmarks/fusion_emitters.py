@@ -38,7 +38,7 @@ CASES: tuple[tuple[str, dict[str, Any]], ...] = (
 def measure(name: str, settings: dict[str, Any], frames: int, limit: int) -> tuple[float, float]:
     """Processor seconds of compilation and of a run; programs of at most `limit` particles do without emitters."""
     without_compile_cache()
-    compilation.MOST_PARTICLES = limit
+    compilation.MAX_PARTICLES = limit
     problem = build_problem()
     observations = draw_sequence(problem, 0, frames).observations
     filter, collect = FILTERS[name].build(problem.model, settings)[0], collect_draws(problem.model, max_draws=100)

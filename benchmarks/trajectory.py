@@ -33,7 +33,7 @@ from poseppl.motion.tracking import Problem, make_problem, observe_motion
 from poseppl.runs.frame_sequence import frame_inputs
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, Smoother, collect_history, particle_mgrad_smoother, trajectory_smoother
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
 MOVES = 10
 """Moves of Particle-mGRAD, which cost less each, for one draw of the others."""
@@ -146,7 +146,7 @@ def main() -> None:
     }
     if not options.alone:
         hmc = trajectory_smoother(problem.model, num_chains=chains, kernel="hmc", **length)
-        pick = jax.jit(lambda key: draw_trajectories(problem.model, key, history, inputs, chains))
+        pick = jax.jit(lambda key: initial_trajectories(problem.model, key, history, inputs, chains))
         results["poseppl, HMC"] = run(hmc, draws + warmup)
         results[RIVAL] = rival(problem, one, pick(jax.random.key(3)), draws, warmup)
     report(results, f"{frames} frames, {options.chains} chains of {draws} draws after {warmup}")

@@ -31,11 +31,11 @@ import jax
 P = ParamSpec("P")
 R = TypeVar("R")
 _MARK = "_full_precision"
-MOST_PARTICLES = 10_000
+MAX_PARTICLES = 10_000
 """Of filters that are compiled without the emitters."""
-MOST_SMOOTHED = 1000
+MAX_SMOOTHED = 1000
 """Particles of smoothers that are."""
-MOST_NUMBERS = 1000
+MAX_NUMBERS = 1000
 """In the particles, as many as they are times their dimension, of programs of few numbers."""
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 _LEVEL = "xla_backend_optimization_level"
@@ -75,7 +75,7 @@ def jit(function: Callable[..., Any], **options: Any) -> jax.stages.Wrapped:
 
 def compile_lowered(lowered: Any, num_particles: int, num_numbers: int) -> Any:
     """The program of `jit(...).lower(...)`, a filter's, ready to run."""
-    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | ({_LEVEL: 1} if num_numbers <= MOST_NUMBERS else {}))
+    return _compiled(lowered, _emitters(num_particles, MAX_PARTICLES) | ({_LEVEL: 1} if num_numbers <= MAX_NUMBERS else {}))
 
 
 def jit_lightly(function: Callable[..., Any], **options: Any) -> jax.stages.Wrapped:
@@ -85,12 +85,12 @@ def jit_lightly(function: Callable[..., Any], **options: Any) -> jax.stages.Wrap
 
 def compile_smoother(lowered: Any, num_particles: int, closed_form: bool) -> Any:
     """The program of a smoother, which may be a formula."""
-    return _compiled(lowered, _emitters(num_particles, MOST_SMOOTHED) | ({_LEVEL: 1} if closed_form else {}))
+    return _compiled(lowered, _emitters(num_particles, MAX_SMOOTHED) | ({_LEVEL: 1} if closed_form else {}))
 
 
 def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:
     """The program of `jit(...).lower(...)` that runs once a sequence."""
-    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | {_LEVEL: 0 if num_numbers <= MOST_NUMBERS else 1})
+    return _compiled(lowered, _emitters(num_particles, MAX_PARTICLES) | {_LEVEL: 0 if num_numbers <= MAX_NUMBERS else 1})
 
 
 def _emitters(num_particles: int, most: int) -> dict[str, Any]:

@@ -28,12 +28,12 @@ from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, states_to_values
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry.triangulation import triangulate
-from poseppl.motion.keypoints.camera_refinement import refine_cameras
+from poseppl.motion.keypoints.camera_refinement import bundle_adjust
 from poseppl.motion.keypoints.scene import noise_of_points, with_markers
 from poseppl.motion.keypoints.sources import points_of
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
-from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
+from poseppl.motion.tracking.lasting_errors import with_ar1_noise, with_no_errors
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, make_problem
@@ -70,7 +70,7 @@ def posed(subject: MovingSubject, num_cameras: int, measured: bool, off: bool, s
         [with_markers(each, markers) for each in people.values()], np.zeros((len(frames), num_cameras), int)
     )
     noise = subject.body.noise * float(np.mean(cameras.focal))
-    refined = refine_cameras(cameras, points, sure, noise, subject.rate) if off else None
+    refined = bundle_adjust(cameras, points, sure, noise, subject.rate) if off else None
     cameras = cameras if refined is None else refined.cameras
     places = triangulate(cameras, points, sure)
     body = build(measured_lengths(subject.body, places)) if measured else subject.body
@@ -78,7 +78,7 @@ def posed(subject: MovingSubject, num_cameras: int, measured: bool, off: bool, s
     scene = Scene(body, cameras, tuple(people), PointData(points, spread), frames, subject.rate, "")
     lengths = MeasuredLengths(offsets_of_lengths(body, build), lengths_per_place(body, places)) if measured else None
     covariance = None if refined is None else refined.covariance
-    return with_lasting_errors(make_problem(scene), frames, subject.rate, covariance, lengths)
+    return with_ar1_noise(make_problem(scene), frames, subject.rate, covariance, lengths)
 
 
 def smoothed_poses(problem: Problem, states: Floats) -> Floats:

@@ -13,7 +13,7 @@ from poseppl_models.bodies.choo_fleet import full_body
 from poseppl.motion.io import read_cameras
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE, Scene, noise_of
 from studies.balancing import STATURE, read_triangulation
 
 _PARTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
@@ -33,8 +33,8 @@ def keypoint_scene(data: Path, count: int, noise: float, *, other: Sequence[int]
     cameras = cameras_of_records(records)
     index = [known.index(NAMES[name]) if name in NAMES else -1 for name in body.tree.marker_names]
     ours = np.concatenate([points, np.zeros_like(points[:, :, :1])], 2)[:, :, index]
-    seen = ours[..., 2] >= LEAST_CONFIDENCE
-    spread = noise_of(body, cameras, noise) / np.sqrt(np.clip(ours[..., 2], LEAST_CONFIDENCE, 1.0))
+    seen = ours[..., 2] >= MIN_CONFIDENCE
+    spread = noise_of(body, cameras, noise) / np.sqrt(np.clip(ours[..., 2], MIN_CONFIDENCE, 1.0))
     names = tuple(record.name for record in records)
     places = np.where(seen[..., None], ours[..., :2], np.nan)
     return Scene(body, cameras, names, PointData(places, spread), np.arange(count), 60.0, "keypoints")

@@ -34,7 +34,7 @@ from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 
 SETS = ((1,), (2,), (3,), (4,), (1, 4), (2, 4), (1, 2, 4))
 LEVELS = np.arange(1, 10) / 10
-LEAST_CONFIDENCE, LARGEST_ERROR, CUTOFF, RATE = 0.3, 15.0, 6.0, 60.0
+MIN_CONFIDENCE, LARGEST_ERROR, CUTOFF, RATE = 0.3, 15.0, 6.0, 60.0
 _MM = 1000.0
 
 
@@ -74,7 +74,7 @@ def gated(found: KeypointScene) -> Any:
     cameras, data = found.scene.cameras, found.scene.data
     noise = found.errors.scale[:, None]
     confidence = np.square(noise / data.noise)
-    points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], data.points, np.nan)
+    points = np.where((confidence >= MIN_CONFIDENCE)[..., None], data.points, np.nan)
     count = points.shape[1]
     best, least = np.full((len(points), points.shape[2], 3), np.nan), np.full((len(points), points.shape[2]), np.inf)
     for size in range(count, 1, -1):

@@ -20,9 +20,9 @@ from poseppl_papers.tables import Table, shown
 from benchmarks.timing import DATA, arguments
 from poseppl.cli.console import start_jax
 from poseppl.motion.keypoints.clocks import Clock
-from poseppl.motion.keypoints.people import choose_person
-from poseppl.motion.keypoints.scene import LEAST_AGREEMENT
-from poseppl.motion.keypoints.sources import LEAST_OFFSET, SURE, find_offsets
+from poseppl.motion.keypoints.people import associate_person
+from poseppl.motion.keypoints.scene import MIN_AGREEMENT
+from poseppl.motion.keypoints.sources import MIN_OFFSET, SURE, find_offsets
 from poseppl.motion.tracking.placing import cameras_of_records
 from studies.kept_runs import keep_run, read_runs
 from studies.laboratory_rig import detect, rig_records
@@ -42,14 +42,14 @@ def run(folder: Path, name: str, size: float, clutter: bool, seed: int) -> tuple
     subject, records = recorded(folder, name, seed), rig_records(folder)
     found = detect(subject, records, np.random.default_rng([seed, len(records)]), calibration=size, clutter=clutter)
     people, cameras = list(found.people.values()), cameras_of_records(records)
-    chosen = choose_person(cameras, people, subject.rate)
-    lost = int(((chosen >= 0).mean(0) < LEAST_AGREEMENT).sum())
+    chosen = associate_person(cameras, people, subject.rate)
+    lost = int(((chosen >= 0).mean(0) < MIN_AGREEMENT).sum())
     late = find_offsets(cameras, people, [Clock()] * len(people), subject.rate)
     if late is None:
         return np.nan, np.nan, 0, 0, lost
     off, deviation = np.abs(late.frames[1:]), late.deviation[1:]
     worst = int(off.argmax())
-    held, mended = off <= NORMAL_95 * deviation, (off >= LEAST_OFFSET) & (off >= SURE * deviation)
+    held, mended = off <= NORMAL_95 * deviation, (off >= MIN_OFFSET) & (off >= SURE * deviation)
     return float(off[worst]), float(deviation[worst]), int(held.sum()), int(mended.sum()), lost
 
 

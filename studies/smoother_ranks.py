@@ -37,9 +37,9 @@ from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
+from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
 from poseppl.motion.recordings.subjects import walking_subject
-from poseppl.motion.tracking.lasting_errors import with_lasting_errors
+from poseppl.motion.tracking.lasting_errors import with_ar1_noise
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, make_problem
@@ -105,7 +105,7 @@ def study(folder: Path, cameras: int, corrected: bool) -> Study:
     """The programs with inputs that the tracker makes of a walk."""
     scene = walk_scene(folder, cameras)
     pose = make_problem(scene)
-    lasting = with_lasting_errors(pose, scene.frames, scene.rate)
+    lasting = with_ar1_noise(pose, scene.frames, scene.rate)
     inputs = frame_sequence(lasting.observations, lasting.inputs, None).stacked_inputs()
     inputs = inputs._replace(start_scale=jnp.broadcast_to(jnp.asarray(start_scales(scene.body), float), inputs.start.shape))
     tree = scene.body.tree
@@ -127,7 +127,7 @@ def mended_inputs(inputs: Any, points: Floats) -> Any:
     """Inputs with the cameras that the points tell, and what remains unknown of them."""
     cameras: Cameras = jax.tree.map(lambda leaf: leaf[0], inputs.cameras)
     noise = float(np.asarray(inputs.noise).mean())
-    refined = refine_cameras(cameras, points, np.ones(points.shape[:3]), noise, RATE)
+    refined = bundle_adjust(cameras, points, np.ones(points.shape[:3]), noise, RATE)
     root = np.linalg.cholesky(refined.covariance)
     told: Any = (refined.cameras, jnp.asarray(root, float))
     seers, root = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (FRAMES, *leaf.shape)), told)

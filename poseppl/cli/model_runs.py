@@ -19,7 +19,7 @@ from poseppl.cli.remedies import as_option
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError
-from poseppl.filters.suitability import suited_filters
+from poseppl.filters.suitability import compatible_filters
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
@@ -64,7 +64,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     filling = bool(gaps) and options["fill_gaps"]
     progress.stage("compiling", total=len(gaps.numbers if filling else gaps.frames))
     first = None if inputs is None else {key: values[0] for key, values in inputs.items()}
-    checks = None if model.prediction_obstacle(first) else predictive_checks(model)
+    checks = None if model.why_not_predictive(first) else predictive_checks(model)
     attrs = {"input": Path(path).name, "model": name, "filter": algorithm.name, "settings": settings, "seed": options["seed"]}
     key = jax.random.key(options["seed"])
     collect = collect_draws(model, max_draws=options["max_draws"])
@@ -73,7 +73,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     try:
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
     except UnsuitableModelError as error:
-        others = [each for each in (*suited_filters(model), "particle") if each != algorithm.name]
+        others = [each for each in (*compatible_filters(model), "particle") if each != algorithm.name]
         raise InputError(str(error), field=f"--filter {algorithm.name}", expected=" or ".join(others)) from error
     except ValueError as error:
         raise InputError(str(error), file=path) from error

@@ -40,7 +40,7 @@ from poseppl.diagnostics.survival import (
     survival as survival,
     unique_ancestors as unique_ancestors,
 )
-from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures, unreached_figures as unreached_figures
+from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures, weakly_observed_stats as weakly_observed_stats
 from poseppl.diagnostics.updates import (
     UpdateFigures as UpdateFigures,
     update_coverage as update_coverage,

@@ -25,7 +25,7 @@ WIDE = 60.0
 """Standard deviation (root of the summed variances) of a position, mm, above which it has low confidence; ours."""
 FAR = 4.0
 """A point that is off by more standard deviations than this has low confidence: of normal errors in the plane one in 3,000."""
-LEAST_COMMON = 5
+MIN_COMMON = 5
 """Joints that are needed to tell what all of them share."""
 WHOLE = "whole body"
 
@@ -123,13 +123,13 @@ def _of_images(errors: ImageErrors) -> list[_Reason]:
 
 def _split(words: str, joints: Booleans, ever: Booleans) -> _Reason:
     """What holds of all joints that are ever seen is said of the whole body, and of no joint."""
-    whole = joints[:, ever].all(axis=1) & (ever.sum() >= LEAST_COMMON)
+    whole = joints[:, ever].all(axis=1) & (ever.sum() >= MIN_COMMON)
     return _Reason(words, joints & ~whole[:, None], whole)
 
 
 def _shift(errors: ImageErrors, seen: Booleans) -> Array:
     """Median residual (T, C, 2) of a frame's points in each camera; 0 where too few are seen to tell."""
-    known = np.where((seen.sum(-1) >= LEAST_COMMON)[..., None, None], errors.residual, 0.0)
+    known = np.where((seen.sum(-1) >= MIN_COMMON)[..., None, None], errors.residual, 0.0)
     return np.asarray(np.nanmedian(known, axis=2))
 
 

@@ -24,7 +24,7 @@ from poseppl.runs.contents import group_of
 from poseppl.runs.results import provenance
 
 REPLICATES, WEIGHTS, NONE, UNKNOWN = "replicates", "weights", "none", "unknown"
-_LEAST_SEEDS = 3
+_MIN_SEEDS = 3
 _SURE = 2.0
 
 
@@ -66,7 +66,7 @@ def evidences(found: list[Evidence], figures: xr.Dataset) -> xr.Dataset:
     runs = list(found)
     for group in settings_of_runs(figures):
         values = np.array([found[index].log_evidence for index in group])
-        if len(group) >= _LEAST_SEEDS and np.isfinite(values).all() and found[group[0]].source != FORMULA:
+        if len(group) >= _MIN_SEEDS and np.isfinite(values).all() and found[group[0]].source != FORMULA:
             for index in group:
                 runs[index] = found[index]._replace(standard_error=float(values.std(ddof=1)), source=REPLICATES)
     total, error, source = map(np.array, zip(*runs, strict=True))

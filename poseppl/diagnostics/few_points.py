@@ -24,7 +24,7 @@ from poseppl.diagnostics.unreached import handed_on
 from poseppl.runs.predictive import StatePrediction
 
 
-def few_points_inflation(
+def finite_sample_inflation(
     prediction: StatePrediction, standard_deviation: ArrayLike, points: int, draws: ArrayLike | None = None
 ) -> Floats:
     """Variance of a filter's errors over the claimed one that the number of its points makes one expect, at least.

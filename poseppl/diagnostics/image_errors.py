@@ -23,7 +23,7 @@ from poseppl.runs.contents import draws_of, names_of, variable
 
 MAD = 1.4826
 """Standard deviation of a normal error over the median of its absolute value."""
-LEAST_SHARE = 0.25
+MIN_SHARE = 0.25
 """Share of the noise's variance below which a residual is left out: a tenth more spread would be a third less of it."""
 
 
@@ -69,9 +69,9 @@ class ImageErrors(NamedTuple):
 
     @property
     def expected(self) -> Array:
-        """(T, C, K, 2) what their squares should be on average, 1 - v / s^2; NaN where that is below `LEAST_SHARE`, too."""
+        """(T, C, K, 2) what their squares should be on average, 1 - v / s^2; NaN where that is below `MIN_SHARE`, too."""
         share = 1 - np.square(self.deviation / self._unit)
-        return np.where(np.isfinite(self.residual) & (share >= LEAST_SHARE), share, np.nan)
+        return np.where(np.isfinite(self.residual) & (share >= MIN_SHARE), share, np.nan)
 
     def scale(self, axes: tuple[int, ...] | None = None) -> Any:
         """Scale over the axes; over all if None. NaN where all are left out."""

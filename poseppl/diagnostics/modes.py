@@ -27,11 +27,11 @@ from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics.selection import Array
 from poseppl.runs.contents import draws_of, frame_numbers, names_of
 
-LEAST_APART = 4.0
+MIN_APART = 4.0
 """D of two modes."""
-LEAST_SHARE, LEAST_DRAWS = 0.05, 10
+MIN_SHARE, MIN_DRAWS = 0.05, 10
 """Of all draws, that a mode has."""
-MOST_MODES = 4
+MAX_MODES = 4
 _AXES = 3
 _ROUNDING = 1e-3
 """Least spread of a part, in units of that of all coordinates: below it are rounding errors."""
@@ -84,7 +84,7 @@ def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
     assert values is not None
     draws = np.moveaxis(values.reshape(-1, *values.shape[2:]), 0, 1)
     wanted = np.arange(len(draws)) if chosen is None else chosen
-    masses, means = np.zeros((len(wanted), MOST_MODES)), np.full((len(wanted), MOST_MODES, *draws.shape[2:]), np.nan)
+    masses, means = np.zeros((len(wanted), MAX_MODES)), np.full((len(wanted), MAX_MODES, *draws.shape[2:]), np.nan)
     for row, frame in enumerate(wanted):
         labels = mode_labels(_features(draws[frame].astype(np.float64)))
         for label in range(labels.max() + 1):
@@ -107,9 +107,9 @@ def mode_labels(draws: Array) -> Integers:
     """Labels (N,) of the modes of draws (N, k), 0 for the most probable one; one mode for draws that are not finite."""
     labels = np.zeros(len(draws), np.int64)
     waiting = [0] if np.isfinite(draws).all() else []
-    while waiting and labels.max() + 1 < MOST_MODES:
+    while waiting and labels.max() + 1 < MAX_MODES:
         members = np.flatnonzero(labels == waiting[-1])
-        part = _divided(draws[members], max(LEAST_SHARE * len(draws), LEAST_DRAWS))
+        part = _divided(draws[members], max(MIN_SHARE * len(draws), MIN_DRAWS))
         if part is None:
             waiting.pop()
         else:
@@ -138,7 +138,7 @@ def _divided(draws: Array, least: float) -> Array | None:
     cuts = np.argmax(np.where(allowed, below * (count - below) * (means[1] - means[0]) ** 2, -1.0), axis=0)
     apart = np.take_along_axis((means[1] - means[0]) / spread, cuts[None], axis=0)[0]
     axis = int(np.argmax(apart))
-    return None if apart[axis] < LEAST_APART else np.asarray(along[:, axis] > ordered[cuts[axis], axis])
+    return None if apart[axis] < MIN_APART else np.asarray(along[:, axis] > ordered[cuts[axis], axis])
 
 
 def ambiguities(modes: Modes) -> list[Ambiguity]:

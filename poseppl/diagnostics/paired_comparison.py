@@ -27,11 +27,11 @@ from poseppl.diagnostics.batches import log_ratio
 
 QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
 TIE = "tie"
-LEAST_COVERAGE = 0.75
+MIN_COVERAGE = 0.75
 """Of 90 % intervals, below which a run is left out of comparisons of ESS."""
 TIMING_NOISE = 0.1
 """Relative error of a time, by which the same run differs from one call to the next on a busy machine."""
-_LEAST_SHARE = 0.5
+_MIN_SHARE = 0.5
 """Of the frames that a run needs a figure for, to take part."""
 
 
@@ -64,7 +64,7 @@ def compare_losses(losses: Floats, noise: float = 0.0) -> PairedComparison:
     """
     count, frames = losses.shape
     finite = np.isfinite(losses) & (losses > 0)
-    takes_part = finite.sum(axis=1) >= _LEAST_SHARE * frames
+    takes_part = finite.sum(axis=1) >= _MIN_SHARE * frames
     common = finite[takes_part].all(axis=0)
     outcome = PairedComparison(np.zeros(count, bool), *np.full((3, count), np.nan))
     if takes_part.sum() < 2 or not common.any():
@@ -82,7 +82,7 @@ def compare_losses(losses: Floats, noise: float = 0.0) -> PairedComparison:
 
 def is_miscalibrated(coverage: Floats, standard_error: Floats) -> Booleans:
     """Whether 90 % intervals cover too little of the truth, (run,) each; False where the truth is not known."""
-    return np.asarray(coverage + 2 * standard_error < LEAST_COVERAGE)
+    return np.asarray(coverage + 2 * standard_error < MIN_COVERAGE)
 
 
 def compare_quantities(figures: xr.Dataset, miscalibrated: xr.DataArray) -> tuple[xr.Dataset, xr.Dataset]:

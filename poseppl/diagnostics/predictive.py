@@ -44,11 +44,11 @@ from poseppl.runs.predictive import DataPrediction
 
 _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""
-_MOST = 4.0
+_MAX = 4.0
 """What a frame's innovation chi-square, over its mean, is cut off at."""
 _OUTER = 0.1
 """Probability of the outer tails."""
-_LEAST = 1e-6
+_MIN = 1e-6
 """Least upper tail of a rank; single precision may round to 0."""
 
 
@@ -95,7 +95,7 @@ def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
         inflation=_one_more(_joined(squares, products)),
         by_squares=_one_more(squares),
         by_products=_one_more(products),
-        by_chi_square=_one_more(ratio_interval(np.minimum(chi_square, _MOST) - 1, share)),
+        by_chi_square=_one_more(ratio_interval(np.minimum(chi_square, _MAX) - 1, share)),
         outer=mean_interval(np.where(known, np.abs(transform - 0.5) > (1 - _OUTER) / 2, np.nan)),
         high=mean_interval(np.where(known, transform > 0.5, np.nan)),
         chi_square=mean_interval(chi_square),
@@ -122,7 +122,7 @@ def farthest_stretch(prediction: DataPrediction) -> tuple[int, int]:
 
 
 def _surprise(ranks: Floats) -> Floats:
-    return np.asarray(-np.log(np.maximum(1 - ranks, _LEAST)))
+    return np.asarray(-np.log(np.maximum(1 - ranks, _MIN)))
 
 
 def _chance(ranks: Floats) -> float:

@@ -48,7 +48,7 @@ class UnreachedFigures(NamedTuple):
     explained: float
 
 
-def unreached_figures(
+def weakly_observed_stats(
     prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
 ) -> UnreachedFigures | None:
     """Compare a filter's posterior with its own prediction where the data hardly reach.

@@ -33,7 +33,7 @@ from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
 from poseppl.runs.predictive import StatePrediction
 
-LEAST_DRAWS = 10.0
+MIN_DRAWS = 10.0
 """Effective number of weighted draws below which a frame tells nothing."""
 _SIMULATIONS = 400
 
@@ -68,8 +68,8 @@ def update_figures(
     told = prediction.weighted_mean, prediction.weighted_covariance, prediction.memory, mean, standard_deviation
     centre, weighted, memory, found, deviation = (np.asarray(leaf, np.float64) for leaf in told)
     number, own = (np.nan_to_num(np.asarray(each, np.float64), posinf=np.inf) for each in (prediction.weighted_ess, ess))
-    tells = (number >= LEAST_DRAWS) & np.isfinite(centre).all(axis=1) & np.isfinite(memory).all(axis=(1, 2))
-    share = 1 / np.maximum(number, LEAST_DRAWS) + 1 / np.maximum(own, 1.0)
+    tells = (number >= MIN_DRAWS) & np.isfinite(centre).all(axis=1) & np.isfinite(memory).all(axis=(1, 2))
+    share = 1 / np.maximum(number, MIN_DRAWS) + 1 / np.maximum(own, 1.0)
     # of the claimed covariance the variances are known; correlations are those of the weighted draws
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.nan_to_num(deviation / np.sqrt(np.diagonal(weighted, axis1=1, axis2=2)))
@@ -104,7 +104,7 @@ def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
     """
     draws, below, above = (np.asarray(leaf, np.float64) for leaf in (prediction.weighted_draws, low, high))
     inside = ((below[:, None] <= draws) & (draws <= above[:, None])).mean(axis=1)
-    tells = np.asarray(prediction.weighted_ess) >= LEAST_DRAWS
+    tells = np.asarray(prediction.weighted_ess) >= MIN_DRAWS
     # finite sites have no share, of which intervals hold more than they say
     known = tells[:, None] & np.isfinite(prediction.explained) & (below < above)
     return int(tells.sum()), mean_interval(np.where(known, inside, np.nan))

@@ -21,7 +21,7 @@ from poseppl.files.netcdf_reading import read_netcdf
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
 _MISSING = ("", "na", "nan", "null", "none")
 """What stands for a number that is missing, in any case."""
-_MOST_BYTES, _MOST_NUMBERS = 2**30, 40_000_000
+_MAX_BYTES, _MAX_NUMBERS = 2**30, 40_000_000
 """Of a Parquet file, packed, and unpacked."""
 _Read = Callable[[], NDArray[Any]]
 """Reads a column, or raises what is wrong with it."""
@@ -109,7 +109,7 @@ def _number(word: str) -> float | None:
 
 def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:
     """The columns of numbers alone are read: a few bytes may stand for texts without end, in each row one of a dictionary."""
-    source, at = check_file(path, max_bytes=_MOST_BYTES), Location(path)
+    source, at = check_file(path, max_bytes=_MAX_BYTES), Location(path)
     try:
         arrow, parquet = (import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ImportError:
@@ -119,11 +119,11 @@ def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:
         kinds = {field.name: field.type for field in parquet.read_schema(source)}
         numeric = [name for name, kind in kinds.items() if any(is_kind(kind) for is_kind in of_numbers)]
         count = parquet.read_metadata(source).num_rows * len(numeric)
-        table = parquet.read_table(source, columns=numeric) if count <= _MOST_NUMBERS else None
+        table = parquet.read_table(source, columns=numeric) if count <= _MAX_NUMBERS else None
     except Exception as error:  # pyarrow's own errors, of which there are many
         raise at.error(f"no Parquet: {error}", _EXPECTED) from error
     if table is None:
-        raise at.error(f"declares {count} numbers", f"at most {_MOST_NUMBERS}")
+        raise at.error(f"declares {count} numbers", f"at most {_MAX_NUMBERS}")
 
     def read(name: str) -> NDArray[Any]:
         if name not in numeric:

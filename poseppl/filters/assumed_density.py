@@ -35,7 +35,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
-from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, effective_draws, effective_share, mask_failed
 from poseppl.filters.mode_chains import CANDIDATES, MODE_POWER, chains_from_modes
 from poseppl.gaussians.chain_mixture import fit_mixture
 from poseppl.gaussians.mixture import (
@@ -50,18 +50,18 @@ from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
 from poseppl.particles.keys import particle_keys
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_likelihoods, propagate, transition_moments
 
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, num_warmup=4, step_size=0.4, target_acceptance=0.85, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 _MOVED = 0.9
 """Share of the starts that set out from draws of the last frame."""
-_LEAST_FREEDOM, _MOST_DRAWS = 4.0, 1e6
+_MIN_FREEDOM, _MAX_DRAWS = 4.0, 1e6
 """Degrees of freedom, n - d, that a component has at least; and how many draws an exact covariance stands for."""
 
 
-@built_once
+@memoized_builder
 def assumed_density_filter(
     model: CompiledModel,
     num_chains: int = 30,
@@ -108,7 +108,7 @@ def assumed_density_filter(
         starts = jnp.concatenate([prior.means[component[:1]], starts[1 : num_starts - moved], others])
         prior_curvature = mixture_curvature(prior, factors)
         failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
-        seen = drop_impossible(model, observation, failed)
+        seen = mask_failed(model, observation, failed)
 
         def log_density(x: Array) -> Array:
             return model.log_observation(x, seen, inputs) + log_prior(x)
@@ -154,7 +154,7 @@ def _prior(
         jnp.full(number, -np.log(number), mean.dtype), *(jnp.stack([m] * number) for m in (mean, covariance))
     )
     prior: GaussianMixture = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
-    factors = factorise_mixture(prior, jnp.where(first, _MOST_DRAWS, draws_of_covariances(residuals)))
+    factors = factorise_mixture(prior, jnp.where(first, _MAX_DRAWS, draws_of_covariances(residuals)))
     log_predicted = log_mixture(prior, factors)
     if model.initial_is_gaussian(inputs):
         return prior, factors, log_predicted
@@ -179,4 +179,4 @@ def _move(model: CompiledModel, rng_key: Array, draws: Array, inputs: Any, numbe
 
 def draws_of_covariances(residuals: Array) -> Array:
     """Effective draws that covariances are estimated from, a scalar, given draws (M, R, d) less their components' means."""
-    return jnp.clip(effective_draws(residuals), residuals.shape[-1] + _LEAST_FREEDOM, _MOST_DRAWS)
+    return jnp.clip(effective_draws(residuals), residuals.shape[-1] + _MIN_FREEDOM, _MAX_DRAWS)

@@ -134,7 +134,7 @@ class Filter:
         differentiable: Whether the evidence's derivative by params is that of what it estimates, and not one that leaves out
             that moves are accepted or refused.
         model: The model; None for a filter whose builder is not decorated with
-            :func:`~poseppl.program.built_once.built_once`, which sets it.
+            :func:`~poseppl.program.memoized_builder.memoized_builder`, which sets it.
     """
 
     init: Callable[[Array, Any, Any], tuple[Any, Info]]
@@ -153,7 +153,7 @@ class Filter:
             object.__setattr__(self, name, with_full_precision(getattr(self, name)))
 
     @property
-    def seeks_mode(self) -> bool:
+    def is_optimizer(self) -> bool:
         """Whether it seeks a mode, and its intervals mean nothing."""
         return self.evidence == "none"
 

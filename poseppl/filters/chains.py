@@ -36,7 +36,7 @@ def chain_state(draws: Array, log_step_size: Array, *, log_weights: Array | None
     return ChainState(draws, jnp.broadcast_to(of_chains[:, None], draws.shape[:-1]), log_step_size, jnp.asarray(started))
 
 
-def drop_impossible(model: CompiledModel, observation: Observation, failed: Array) -> Observation:
+def mask_failed(model: CompiledModel, observation: Observation, failed: Array) -> Observation:
     """Return the frame's data, or nothing at all where it ``failed``: the frame is then predicted, not updated."""
     kept: Observation = jax.tree.map(lambda nothing, seen: jnp.where(failed, nothing, seen), model.unobserved(), observation)
     return kept

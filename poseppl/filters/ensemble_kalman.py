@@ -44,7 +44,7 @@ from poseppl.gaussians.ensemble import (
 from poseppl.gaussians.localisation import Localisation, check_localisation
 from poseppl.particles.keys import particle_keys
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, propagate
 
 _DRIFT = 0.04
@@ -111,7 +111,7 @@ class EnsembleSettings(NamedTuple):
         return self if self.localisation is None else self._replace(localisation=check_localisation(model, self.localisation))
 
 
-@built_once
+@memoized_builder
 def ensemble_kalman_filter(
     model: CompiledModel,
     num_particles: int = 100,

@@ -27,11 +27,11 @@ from poseppl.filters.sequential_monte_carlo import Draw, Lookahead, smc_filter
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel, Observation, Proposal
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.proposal import propose_initial, propose_transition
 
 
-@built_once
+@memoized_builder
 def guided_filter(
     model: CompiledModel,
     num_particles: int = 2000,

@@ -25,13 +25,13 @@ from poseppl.filters.sequential_monte_carlo import ParticleState
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bijector import integer_bounds as integer_bounds
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
-_MOST = 10_000
+_MAX = 10_000
 
 
-@built_once
+@memoized_builder
 def hidden_markov_filter(model: CompiledModel) -> Filter:
     """The exact filter of hidden Markov models, whose state has finitely many values.
 
@@ -79,8 +79,8 @@ def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
             )
         choices += [range(bounds[0], bounds[1] + 1)] * math.prod(site.shape)
     count = int(np.prod([float(len(choice)) for choice in choices]))
-    if count > _MOST:
-        raise ValueError(f"The state has {count} values. Expected at most {_MOST}: use a particle filter.")
+    if count > _MAX:
+        raise ValueError(f"The state has {count} values. Expected at most {_MAX}: use a particle filter.")
     table = np.array(list(itertools.product(*choices)))
     if not any(site.split for site in model.sites.values()):
         return table.astype(float)

@@ -28,7 +28,7 @@ from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_root, semid
 from poseppl.gaussians.linearisation import Method, Moments, condition, linearise, linearise_about, predict
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 
 _FEW = 32
 """Coordinates and data of a frame up to which LAPACK factors them with one thread."""
@@ -66,7 +66,7 @@ def gaussian_form(model: CompiledModel) -> Callable[[Array, Array], Any]:
     return with_root if model.dimension + num_data <= _FEW else Gaussian
 
 
-@built_once
+@memoized_builder
 def kalman_filter(
     model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order", num_iterations: int = 1
 ) -> Filter:

@@ -13,7 +13,7 @@ from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, group_masses, group_modes, whitening
 from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
 from poseppl.particles.resampling import systematic
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 MODE_POWER = 0.75
 """Chains are shared among modes in proportion to this power of their masses: a lesser mode gets more than its share."""
@@ -57,7 +57,7 @@ def chains_from_modes(
         power: Of the modes' masses, in proportion to which chains are shared among them.
     """
     key_choose, key_start, key_chains = jax.random.split(rng_key, 3)
-    chosen, log_weights = share_out(key_choose, modes, num_chains, power)
+    chosen, log_weights = allocate_chains(key_choose, modes, num_chains, power)
     starts = start_chains(key_start, modes, chosen, log_density)
     transform = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
     chains = hmc_chains(
@@ -66,7 +66,7 @@ def chains_from_modes(
     return ModeChains(transform.to_state(chains.draws), log_weights, chains)
 
 
-def share_out(rng_key: Array, modes: Modes, num_chains: int, power: float = MODE_POWER) -> tuple[Array, Array]:
+def allocate_chains(rng_key: Array, modes: Modes, num_chains: int, power: float = MODE_POWER) -> tuple[Array, Array]:
     """Choose the mode of each chain (M,), and the chains' log-weights (M,).
 
     Chains are given to modes by a power below one of their masses, with as little chance as their number allows, and weigh what
@@ -94,5 +94,5 @@ def start_chains(rng_key: Array, modes: Modes, chosen: Array, log_density: LogDe
     noise = noise.reshape(len(chosen), CANDIDATES, dimension)
     candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
     importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
-    picked = weighted_choice(chances[:, 0], without_nan(importance))
+    picked = weighted_choice(chances[:, 0], nan_to_neg_inf(importance))
     return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0]

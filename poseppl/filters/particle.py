@@ -16,11 +16,11 @@ from poseppl.filters.sequential_monte_carlo import Lookahead, smc_filter
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, propagate
 
 
-@built_once
+@memoized_builder
 def particle_filter(
     model: CompiledModel, num_particles: int = 10_000, *, resampling: Scheme = "systematic", ess_threshold: float = 1.0
 ) -> Filter:

@@ -38,9 +38,9 @@ from poseppl.particles.resampling import Scheme
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import weigh
 from poseppl.program import Clamped, CompiledModel, Observation
-from poseppl.program.built_once import built_once
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import sample_sites, trace_program
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import differentiable_draws, draw_initial, propagate
 
 
@@ -60,7 +60,7 @@ class CollapsedState(NamedTuple):
     marginals: Marginals
 
 
-@built_once
+@memoized_builder
 def rao_blackwellised_filter(
     model: CompiledModel, num_particles: int = 500, *, resampling: Scheme = "systematic", ess_threshold: float = 0.5
 ) -> Filter:

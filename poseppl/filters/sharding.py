@@ -28,12 +28,12 @@ from jax import Array
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from poseppl.filters.base import Filter, Info
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 
 _AXIS = "particles"
 
 
-@built_once
+@memoized_builder
 def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     """Share a filter's particles or chains among devices.
 

@@ -16,11 +16,11 @@ from poseppl.filters.base import Filter
 from poseppl.filters.hidden_markov import hidden_markov_filter
 from poseppl.filters.rao_blackwellised import rao_blackwellised_filter
 from poseppl.program import CompiledModel
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 
 
-@built_once
-def suited_filters(model: CompiledModel) -> tuple[str, ...]:
+@memoized_builder
+def compatible_filters(model: CompiledModel) -> tuple[str, ...]:
     """Names of filters for a model, the best first, as the command line has them; none where only particles will do.
 
     Args:

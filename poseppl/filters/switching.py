@@ -35,7 +35,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.bijector import integer_bounds
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 
 
 class SwitchingState(NamedTuple):
@@ -60,7 +60,7 @@ class SwitchingState(NamedTuple):
     started: Array
 
 
-@built_once
+@memoized_builder
 def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_iterations: int = 4) -> Filter:
     """The switching Gaussian filter: a Gaussian for each value of a finite site, by iterated linearisation.
 

@@ -34,10 +34,10 @@ from poseppl.checks import RangeError, check_at_least, check_choice, check_fract
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, ConditionalDensity, MoveSettings
-from poseppl.particles.families import effective_of_families
+from poseppl.particles.families import clustered_ess
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_prediction, log_transitions_into, propagate
 
 Target = Literal["ancestor", "mixture"]
@@ -71,7 +71,7 @@ class _Prior(NamedTuple):
     log_density: ConditionalDensity
 
 
-@built_once
+@memoized_builder
 def tempered_filter(
     model: CompiledModel,
     num_particles: int = 500,
@@ -193,7 +193,7 @@ def _state(model: CompiledModel, tempered: Tempered) -> TemperedState:
 def _info(tempered: Tempered, ancestors: Array) -> Info:
     return filter_info(
         tempered.log_evidence,
-        jnp.minimum(jnp.min(tempered.ess), effective_of_families(tempered.particles, tempered.ancestors)),
+        jnp.minimum(jnp.min(tempered.ess), clustered_ess(tempered.particles, tempered.ancestors)),
         ancestors,
         tempered.failed,
         acceptance=tempered.acceptance,

@@ -32,7 +32,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER
 from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
-from poseppl.filters.chains import drop_impossible, effective_draws
+from poseppl.filters.chains import effective_draws, mask_failed
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
 from poseppl.gaussians.gaussian import Gaussian, precision_of
@@ -41,7 +41,7 @@ from poseppl.kernels.hmc import Chains, HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_likelihoods, log_transition_matrix, transition_moments
 
 
@@ -63,7 +63,7 @@ class WindowState(NamedTuple):
     window: Window
 
 
-@built_once
+@memoized_builder
 def window_filter(
     model: CompiledModel,
     num_chains: int = 30,
@@ -106,7 +106,7 @@ def window_filter(
         starts, _ = draw_mixture(key_climb, prior, num_starts)
         starts = starts.at[0].set(prediction.mean)
         failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
-        seen = _masked(model, drop_impossible(model, observation, failed))
+        seen = _masked(model, mask_failed(model, observation, failed))
         frames = move_on(state.window, prediction, seen, inputs)
         precision = precision_of(prediction.covariance)
         newest = find_modes(

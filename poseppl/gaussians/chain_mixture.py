@@ -15,7 +15,7 @@ from poseppl.gaussians.weighted_em import fit_from
 _EM_STEPS = 10
 _FLOOR = 1e-4
 """Share of the variances within chains that covariances are given besides: few draws may leave none in some direction."""
-_LEAST = 1e-20
+_MIN = 1e-20
 """Variance of a coordinate that is the same in all draws, as is what a transition makes of a state that it forgets."""
 
 
@@ -56,7 +56,7 @@ def fit_mixture(chains: Array, num_components: int, log_weights: Array | None = 
     centres = jnp.mean(chains, 1)
     inside = (chains - centres[:, None]).reshape(-1, dimension)
     within = (inside.T @ inside / number + ridge * covariance) / (1 + ridge)
-    floor = jnp.maximum(_FLOOR * diagonal(within), _LEAST)
+    floor = jnp.maximum(_FLOOR * diagonal(within), _MIN)
     within = within + jnp.diag(floor)
     seeds = centres[_far_apart(centres, within, min(num_components, chains.shape[0]))]
     start = GaussianMixture(

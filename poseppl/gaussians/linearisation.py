@@ -37,7 +37,7 @@ Moments = TypeVar("Moments", Gaussian, RootGaussian)
 Method = Literal["first-order", "unscented", "gauss-hermite"]
 _ORDER = 5
 """Points of the Gauss-Hermite rule in a direction."""
-_MOST_DIRECTIONS = 6
+_MAX_DIRECTIONS = 6
 Conditional = Callable[[Array], tuple[Array, Array]]
 """Mean and covariance of y given x."""
 
@@ -100,10 +100,10 @@ def _points(dimension: int, method: Method) -> tuple[np.ndarray[Any, Any], np.nd
         UnsuitableModelError: A Gauss-Hermite grid of too many directions.
     """
     if method == "gauss-hermite":
-        if dimension > _MOST_DIRECTIONS:
+        if dimension > _MAX_DIRECTIONS:
             raise UnsuitableModelError(
                 f"A Gauss-Hermite grid of {dimension} coordinates has {_ORDER}^{dimension} points. Expected at most "
-                f"{_MOST_DIRECTIONS} coordinates; use unscented."
+                f"{_MAX_DIRECTIONS} coordinates; use unscented."
             )
         nodes, masses = np.polynomial.hermite_e.hermegauss(_ORDER)
         white = np.stack(np.meshgrid(*[nodes] * dimension, indexing="ij"), -1).reshape(-1, dimension)

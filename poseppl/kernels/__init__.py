@@ -12,5 +12,5 @@ from poseppl.kernels.laplace import (
 )
 from poseppl.kernels.mode_search import search_modes as search_modes
 from poseppl.kernels.moves import HMC_MOVES as HMC_MOVES, RANDOM_WALK_MOVES as RANDOM_WALK_MOVES, MoveSettings as MoveSettings
-from poseppl.kernels.own_kernel import OwnKernel as OwnKernel
+from poseppl.kernels.own_kernel import CustomKernel as CustomKernel
 from poseppl.kernels.trust_region import climb_modes as climb_modes

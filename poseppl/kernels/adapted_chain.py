@@ -18,7 +18,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice, check_fraction
 from poseppl.compilation import with_full_precision
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 Kernel = Literal["nuts", "hmc"]
 
@@ -92,7 +92,7 @@ def adapted_chain(
     """
 
     def safe_density(position: Array) -> Array:
-        return without_nan(log_density(position))
+        return nan_to_neg_inf(log_density(position))
 
     move = _kernel(safe_density, start, settings)
     averaging, improve, _ = dual_averaging_adaptation(settings.target_acceptance)

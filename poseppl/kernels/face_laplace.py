@@ -30,7 +30,7 @@ from poseppl.kernels import truncation
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.laplace import whitening
 from poseppl.kernels.trust_region import Climb, active_face
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 _FLOOR = 1e-6
 """Least eigenvalue of a curvature that is scaled to a unit diagonal: what is flatter counts as this flat."""
@@ -96,7 +96,7 @@ def _describe(climb: Climb, constraints: Constraints) -> FaceModes:
         states=x,
         precisions=steep,
         scales=whitening(x, steep).scale,
-        log_masses=without_nan(mass),
+        log_masses=nan_to_neg_inf(mass),
         covariances=0.5 * (face + face.T),
         active=active,
         slopes=multipliers,

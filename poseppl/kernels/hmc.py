@@ -18,9 +18,9 @@ from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
 from poseppl.compilation import with_full_precision
-from poseppl.kernels.own_kernel import OwnKernel, Updated, update_by
+from poseppl.kernels.own_kernel import CustomKernel, Updated, update_by
 from poseppl.particles.random_numbers import normals_and_uniforms
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 LogDensity = Callable[[Array], Array]
 
@@ -52,7 +52,7 @@ class HMCSettings(NamedTuple):
     step_size: float = 0.5
     target_acceptance: float | None = 0.85
     jitter: float = 0.0
-    own: OwnKernel | None = None
+    own: CustomKernel | None = None
 
     def check(self) -> HMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
@@ -109,7 +109,7 @@ def hmc_chains(
     dtype, number = starts.dtype, settings.num_updates
 
     def safe_density(position: Array) -> Array:
-        return without_nan(log_density(position))
+        return nan_to_neg_inf(log_density(position))
 
     if settings.own is not None:
         return _own_chains(settings.own, rng_key, starts, safe_density, jnp.asarray(log_step_size, dtype), settings)
@@ -143,7 +143,7 @@ def hmc_chains(
 
 
 def _own_chains(
-    own: OwnKernel, rng_key: Array, starts: Array, log_density: LogDensity, log_step_size: Array, settings: HMCSettings
+    own: CustomKernel, rng_key: Array, starts: Array, log_density: LogDensity, log_step_size: Array, settings: HMCSettings
 ) -> Chains:
     """The same with a kernel of one's own, which draws its numbers itself."""
     num_chains = len(starts)

@@ -17,7 +17,7 @@ from jax import Array
 
 from poseppl.compilation import with_full_precision
 from poseppl.gaussians.gaussian import diagonal, lower_inverse
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 _DAMPING = (0.0, 1.0, 0.3, 0.1, 0.01)
 """Fractions of a Gauss-Newton step that are tried; the best is taken, so that the density never falls."""
@@ -101,7 +101,7 @@ def find_modes(
         precision = curvature(x)
         scale = whitening(x, precision).scale
         volume = jnp.sum(jnp.log(diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
-        mass = without_nan(value + volume)
+        mass = nan_to_neg_inf(value + volume)
         best = likeliest(log_density, x + damping[:, None] * (scale @ (scale.T @ gradient)))
         return Modes(x, precision, scale, mass), jnp.where(jnp.all(jnp.isfinite(best)), best, x)
 
@@ -117,7 +117,7 @@ def find_modes(
 
 def likeliest(log_density: Callable[[Array], Array], trials: Array) -> Array:
     """The trial of the highest density, of trials (K, ...)."""
-    return trials[jnp.argmax(without_nan(jax.vmap(log_density)(trials)))]
+    return trials[jnp.argmax(nan_to_neg_inf(jax.vmap(log_density)(trials)))]
 
 
 def mode_log_weights(modes: Modes) -> Array:
@@ -132,7 +132,7 @@ def mode_log_weights(modes: Modes) -> Array:
     # the factors of 2 pi in the density and in the mixture cancel
     log_mixture = jax.nn.logsumexp(jnp.nan_to_num(-0.5 * distance - half_log_det, nan=-jnp.inf), axis=1)
     shared = modes.log_masses - half_log_det - log_mixture
-    return without_nan(shared)
+    return nan_to_neg_inf(shared)
 
 
 _SAME_MODE = 3.0

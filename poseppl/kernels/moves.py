@@ -29,9 +29,9 @@ from jax import Array
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.compilation import with_full_precision
 from poseppl.kernels.laplace import Whitening, whitening
-from poseppl.kernels.own_kernel import OwnKernel, update_by
+from poseppl.kernels.own_kernel import CustomKernel, update_by
 from poseppl.particles.stacks import rows_of
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
@@ -61,7 +61,7 @@ class MoveSettings(NamedTuple):
     step_size: float = 0.5
     target_acceptance: float | None = 0.8
     jitter: float = 0.5
-    own: OwnKernel | None = None
+    own: CustomKernel | None = None
 
     def check(self) -> MoveSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
@@ -147,7 +147,7 @@ def move_population(
     dtype, own = starts.positions.dtype, settings.own
 
     def safe_density(white: Array, context: Any) -> Array:
-        return without_nan(log_density(transform.to_state(white), context))
+        return nan_to_neg_inf(log_density(transform.to_state(white), context))
 
     update = _update(safe_density, settings, dimension)
 
@@ -167,7 +167,7 @@ def move_population(
     # the chain rule: z moves x by the scale of the transform
     gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
     white = transform.to_white(starts.positions)
-    states: Any = white, without_nan(starts.values), gradients
+    states: Any = white, nan_to_neg_inf(starts.values), gradients
     if own is not None:
         states = jax.vmap(lambda z, context: own.init(z, lambda z: safe_density(z, context)))(white, starts.contexts)
     (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(turn, (states, log_step_size), rng_keys)

@@ -5,11 +5,11 @@ positions in whitened coordinates, in which the density is about as wide in one 
 size that they adapt. BlackJAX's Metropolis-adjusted Langevin algorithm is one as it stands, its NUTS with a mass matrix:
 
 >>> import blackjax
->>> mala = OwnKernel(blackjax.mala.init, blackjax.mala.build_kernel())
+>>> mala = CustomKernel(blackjax.mala.init, blackjax.mala.build_kernel())
 >>> nuts_step = blackjax.nuts.build_kernel()
 >>> def step(rng_key, state, log_density, step_size):
 ...     return nuts_step(rng_key, state, log_density, step_size, jnp.ones_like(state.position), 5)
->>> nuts = OwnKernel(blackjax.nuts.init, step)
+>>> nuts = CustomKernel(blackjax.nuts.init, step)
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 
-class OwnKernel(NamedTuple):
+class CustomKernel(NamedTuple):
     """A Markov kernel.
 
     Attributes:
@@ -51,7 +51,7 @@ class Updated(NamedTuple):
 
 
 def update_by(
-    kernel: OwnKernel, rng_key: Array, state: Any, log_density: Callable[[Array], Array], step_size: Array
+    kernel: CustomKernel, rng_key: Array, state: Any, log_density: Callable[[Array], Array], step_size: Array
 ) -> Updated:
     """Update a state once."""
     new, info = kernel.step(rng_key, state, log_density, step_size)

@@ -33,7 +33,7 @@ from poseppl.kernels.constraints import Constraints
 LogDensity = Callable[[Array], Array]
 Curvature = Callable[[Array], Array]
 
-_FIRST, _LEAST, _MOST = 1e-2, 1e-7, 1e9
+_FIRST, _MIN, _MAX = 1e-2, 1e-7, 1e9
 """Lambda to start with, and the range that it keeps to; beyond the last a search gives up."""
 _FLAT = 1e-6
 """Share of the largest entry of W that every entry has at least."""
@@ -153,11 +153,11 @@ def _judged(at: Climb, step: Step, trial: tuple[Array, Array, Array], tolerance:
     long = step.possible & (at.damping <= 2 * _FIRST) & jnp.isfinite(at.costs)
     converged = long & (jnp.abs(promise(step.whole)) < worthwhile) & (jnp.abs(gained) < worthwhile)
     factor = jnp.where(ratio < 0, 8.0, jnp.where(ratio < 0.25, 3.0, jnp.where(ratio > 0.75, 0.1, 0.5)))
-    damping = jnp.maximum(at.damping * factor, _LEAST)
+    damping = jnp.maximum(at.damping * factor, _MIN)
     moved = (step.state, *trial)
     kept = at.states, at.costs, at.gradients, at.curvatures
     states, costs, gradients, curvatures = (jnp.where(taken, new, old) for new, old in zip(moved, kept, strict=True))
-    stopped = converged | (damping > _MOST)
+    stopped = converged | (damping > _MAX)
     return Climb(states, costs, gradients, curvatures, damping, converged, stopped, at.evaluations + 1)
 
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 
-def effective_of_families(particles: Array, families: Array) -> Array:
+def clustered_ess(particles: Array, families: Array) -> Array:
     """Effective number of equally weighted particles, between 1 and N, on average over their coordinates.
 
     Args:
@@ -26,7 +26,7 @@ def effective_of_families(particles: Array, families: Array) -> Array:
 
     Example:
         >>> alike = jnp.array([[0.0], [0.0], [1.0], [1.0], [2.0], [2.0], [3.0], [3.0]])
-        >>> round(float(effective_of_families(alike, jnp.array([0, 0, 1, 1, 2, 2, 3, 3]))), 3)
+        >>> round(float(clustered_ess(alike, jnp.array([0, 0, 1, 1, 2, 2, 3, 3]))), 3)
         3.0
     """
     count = particles.shape[0]

@@ -32,7 +32,7 @@ from jax import Array
 
 from poseppl.checks import check_choice
 from poseppl.particles.prefix_sum import Split, largest_sum, running_split_sum, running_sum, split_number, unit
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 
 Resampling = Callable[[Array, Array, int], Array]
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
@@ -40,7 +40,7 @@ Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
 def _weights(log_weights: Array) -> Array:
     """Weights (N,) of which the largest is 1, without NaN; all are 1 where none is left."""
-    clean = without_nan(log_weights)
+    clean = nan_to_neg_inf(log_weights)
     peak = jnp.max(clean)
     known = jnp.isfinite(peak)
     weights: Array = jnp.where(known, jnp.exp(clean - jnp.where(known, peak, 0.0)), 1.0)

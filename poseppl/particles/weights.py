@@ -36,14 +36,14 @@ class Normalised(NamedTuple):
     ess: Array
 
 
-def without_nan(log_values: Array) -> Array:
+def nan_to_neg_inf(log_values: Array) -> Array:
     """Log-weights or log-densities of any shape, of which NaN counts as impossible."""
     return jnp.where(jnp.isnan(log_values), -jnp.inf, log_values)
 
 
 def without_infinity(log_values: Array) -> Array:
     """Log-densities of any shape, of which NaN and +inf count as impossible."""
-    return jnp.where(jnp.isposinf(log_values), -jnp.inf, without_nan(log_values))
+    return jnp.where(jnp.isposinf(log_values), -jnp.inf, nan_to_neg_inf(log_values))
 
 
 def normalise(log_weights: Array) -> Normalised:
@@ -53,7 +53,7 @@ def normalise(log_weights: Array) -> Normalised:
         >>> normalise(jnp.array([-5.0, -jnp.inf, -5.0])).weights.tolist()
         [0.5, 0.0, 0.5]
     """
-    clean = without_nan(log_weights)
+    clean = nan_to_neg_inf(log_weights)
     peak = jnp.max(clean)
     degenerate = ~jnp.isfinite(peak)
     shifted = jnp.where(degenerate, 0.0, clean - jnp.where(degenerate, 0.0, peak))
@@ -90,7 +90,7 @@ def weigh(log_prior: Array, log_likelihoods: Array) -> Weighed:
         log_likelihoods: Shape (N,).
     """
     updated = log_prior + log_likelihoods
-    failed = ~jnp.isfinite(jnp.max(without_nan(updated)))
+    failed = ~jnp.isfinite(jnp.max(nan_to_neg_inf(updated)))
     told = normalise(jnp.where(failed, log_prior, updated))
     log_evidence = told.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype))
     return Weighed(told.log_weights, jnp.where(failed, -jnp.inf, log_evidence), jnp.maximum(told.ess, 1.0), failed)

@@ -21,8 +21,8 @@ from jax import Array
 from numpyro import handlers
 
 from poseppl.program import bijector
-from poseppl.program.built_once import built_once
 from poseppl.program.compiled import CompiledModel, Inputs
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.model import StateSpaceModel
 
 
@@ -83,7 +83,7 @@ def clamp(model: CompiledModel, free: Sequence[int | str]) -> ClampedModel:
     return _clamped(model, frozenset(_free_sites(model, free)))
 
 
-@built_once
+@memoized_builder
 def _clamped(model: CompiledModel, free: frozenset[str]) -> ClampedModel:
     programs = _clamped_programs(model, free)
     state = jnp.zeros(model.dimension)

@@ -23,7 +23,7 @@ from poseppl.program.dependent_data import (
     moments_of_data,
 )
 from poseppl.program.execution import (
-    Randomness,
+    RngBudget,
     Seed,
     Trace,
     Values,
@@ -48,14 +48,14 @@ from poseppl.program.moments import (
 )
 from poseppl.program.normal_sites import joint_normal
 from poseppl.program.observation import Observation, feasible, observe
-from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
+from poseppl.program.prediction import DrawnData, drawn_data, why_not_predictive
 from poseppl.program.resolution import Resolution
 from poseppl.program.schema import Declared, Programs
 from poseppl.program.state_moments import MomentsForm, moments_form, same_frame_dependence, state_moments
 
 Inputs = Any
 
-_MOST_VALUES = 1000
+_MAX_VALUES = 1000
 """Values of a site up to which it counts as one of states, rather than of counts."""
 
 
@@ -81,7 +81,7 @@ class CompiledModel:
     programs: Programs
     sites: dict[str, Site]
     observation_sites: dict[str, Declared]
-    randomness: dict[str, Randomness]
+    randomness: dict[str, RngBudget]
     params: Any = None
     unbound: bool = False
     input_shapes: Any = None
@@ -112,7 +112,7 @@ class CompiledModel:
     def finite_values(self) -> dict[str, range]:
         """The integers of each site that takes finitely many, at most a thousand."""
         known = {name: site.values for name, site in self.sites.items()}
-        return {name: values for name, values in known.items() if values is not None and len(values) <= _MOST_VALUES}
+        return {name: values for name, values in known.items() if values is not None and len(values) <= _MAX_VALUES}
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -214,12 +214,12 @@ class CompiledModel:
         """
         return drawn_data(self.observation_sites, self._drawn_trace(rng_key, x, inputs))
 
-    def prediction_obstacle(self, inputs: Inputs = None) -> str | None:
+    def why_not_predictive(self, inputs: Inputs = None) -> str | None:
         """Why :meth:`draw_data` cannot be, or None when it can."""
         found: list[str | None] = []
 
         def look(rng_key: Array, inputs: Inputs) -> None:
-            found.append(prediction_obstacle(self._drawn_trace(rng_key, jnp.zeros(self.dimension), inputs)))
+            found.append(why_not_predictive(self._drawn_trace(rng_key, jnp.zeros(self.dimension), inputs)))
 
         jax.eval_shape(look, jax.random.key(0), inputs)
         return found[0]

@@ -63,7 +63,7 @@ def is_factor(site: Mapping[str, Any]) -> bool:
     return site["type"] == "sample" and isinstance(unwrap(site["fn"]), Unit)
 
 
-class Randomness(NamedTuple):
+class RngBudget(NamedTuple):
     """What a draw from a program takes of the generator.
 
     Attributes:
@@ -87,10 +87,10 @@ class Seed(handlers.seed):  # type: ignore[misc]
         randomness: What the program needs; None splits as it goes, and `counted` tells afterwards.
     """
 
-    def __init__(self, rng_key: Array, randomness: Randomness | None) -> None:
+    def __init__(self, rng_key: Array, randomness: RngBudget | None) -> None:
         super().__init__(rng_seed=rng_key)
-        self.counted, self.counts = Randomness(), randomness is None
-        self.randomness = randomness or Randomness()
+        self.counted, self.counts = RngBudget(), randomness is None
+        self.randomness = randomness or RngBudget()
         number = self.randomness.num_keys + (self.randomness.num_normals > 0)
         self.noise: dict[str, Array] = {}
         self.keys = [rng_key] if number <= 1 else list(jax.random.split(rng_key, number))
@@ -204,7 +204,7 @@ def trace_program(
     Args:
         program: A NumPyro program.
         arguments: Its arguments.
-        seed: Randomness of the sites that `values` does not give. Without it a constant key serves plates, whose draws are
+        seed: RngBudget of the sites that `values` does not give. Without it a constant key serves plates, whose draws are
             never used.
         values: Values of sample sites.
 
@@ -227,7 +227,7 @@ def sample_sites(trace: Trace) -> Trace:
     return {name: site for name, site in trace.items() if site["type"] == "sample" and not is_factor(site)}
 
 
-def draw(program: Program, arguments: tuple[Any, ...], rng_key: Array, randomness: Randomness) -> dict[str, Array]:
+def draw(program: Program, arguments: tuple[Any, ...], rng_key: Array, randomness: RngBudget) -> dict[str, Array]:
     """Values of all sample sites, drawn in the program's order."""
     trace = trace_program(program, arguments, seed=Seed(rng_key, randomness))
     return {name: site["value"] for name, site in sample_sites(trace).items()}

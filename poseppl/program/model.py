@@ -12,7 +12,7 @@ import numpy as np
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.dependent_data import DependentData, dependent_data
-from poseppl.program.execution import Randomness, trace_program
+from poseppl.program.execution import RngBudget, trace_program
 from poseppl.program.large_integers import with_large_integers
 
 
@@ -44,7 +44,7 @@ class StateSpaceModel(NamedTuple):
         Raises:
             ValueError: The programs do not make a state-space model; the message names the site and the cure.
         """
-        randomness: dict[str, Randomness] = {}
+        randomness: dict[str, RngBudget] = {}
         unbound = params is None and self.parameters is not None
         example = params
         if self.parameters is not None:

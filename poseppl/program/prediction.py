@@ -43,14 +43,14 @@ def drawn_data(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> DrawnData:
     Raises:
         ValueError: The program predicts nothing.
     """
-    obstacle = prediction_obstacle(trace)
+    obstacle = why_not_predictive(trace)
     if obstacle is not None:
         raise ValueError(f"The observation program predicts no data: {obstacle}.")
     drawn = {name: jnp.asarray(trace[name]["value"]) for name in sites}
     return DrawnData(drawn, *(jnp.concatenate(parts) for parts in zip(*(_of_site(trace[name]) for name in sites), strict=True)))
 
 
-def prediction_obstacle(trace: Mapping[str, Any]) -> str | None:
+def why_not_predictive(trace: Mapping[str, Any]) -> str | None:
     """Why no data can be drawn from an observation program, or None when they can."""
     for name, site in trace.items():
         if site["type"] != "sample":

@@ -22,7 +22,7 @@ from numpyro.distributions import constraints
 from poseppl.compilation import jit
 from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program, unwrap
+from poseppl.program.execution import Program, RngBudget, Seed, base_support, is_factor, is_masked, trace_program, unwrap
 from poseppl.program.explanation import explained, suggestion
 from poseppl.program.normal_sites import is_plain
 
@@ -94,7 +94,7 @@ class Declaration(NamedTuple):
     factors: tuple[str, ...]
     weighed: tuple[str, ...]
     deterministic: tuple[str, ...]
-    randomness: Randomness
+    randomness: RngBudget
 
 
 def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Iterable[str] = ()) -> Declaration:
@@ -114,7 +114,7 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     traced = [isinstance(a, Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
     found: dict[str, Any] = {}
     trees: dict[str, Any] = {}
-    counts: list[Randomness] = []
+    counts: list[RngBudget] = []
 
     def run(rng_key: Array, arrays: list[Any]) -> dict[str, list[Any]]:
         rest = iter(arrays)

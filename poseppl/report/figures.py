@@ -34,7 +34,7 @@ from poseppl.runs.contents import names_of
 NUM_OVERLAYS = 5
 TITLE_LETTERS = 110
 """Of a line of a picture's title."""
-MOST_RANKS = 24
+MAX_RANKS = 24
 WIDTH = 2.6
 """Standard errors of a bar of ranks: 99 %."""
 _TITLE: dict[str, Any] = {"loc": "left", "fontsize": 10.5, "color": TEXT, "fontweight": "bold", "parse_math": False}
@@ -126,7 +126,7 @@ def plot_ranks(calibration: Calibration) -> Figure:
     Heaped at both ends the posterior is too narrow, in the middle too wide, at one end off to the other side.
     """
     panels = []
-    for name, of_simulations in zip(calibration.names[:MOST_RANKS], np.moveaxis(calibration.ranks, -1, 0), strict=False):
+    for name, of_simulations in zip(calibration.names[:MAX_RANKS], np.moveaxis(calibration.ranks, -1, 0), strict=False):
         each = np.array([np.histogram(ranks, BINS, (0, 1))[0] for ranks in of_simulations])
         shares = each / each.sum(1, keepdims=True)
         error = WIDTH * shares.std(0, ddof=1) / np.sqrt(len(shares))

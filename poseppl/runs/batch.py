@@ -29,7 +29,7 @@ from poseppl.filters.base import Filter
 from poseppl.filters.scan import scan_filter
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.compiled_scan import Kept, collect_kept
@@ -157,7 +157,7 @@ def _has_room(filter: Filter, series: Any, num_frames: int, room: float, note: N
     return 0 < needed <= room
 
 
-@built_once
+@memoized_builder
 def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
     """`(keys, observations, inputs) -> Kept`, each (S, T, ...), of a chunk of series."""
 

@@ -25,7 +25,7 @@ from poseppl.particles.quantiles import column_quantiles
 from poseppl.particles.resampling import systematic, systematic_draws
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.results import QUANTILES
 from poseppl.runs.run import Collect
 from poseppl.runs.site_summary import sites_of, summary_of_sites
@@ -56,7 +56,7 @@ class Draws(NamedTuple):
     summary: dict[str, Array]
 
 
-@built_once
+@memoized_builder
 def collect_draws(
     model: CompiledModel,
     *,

@@ -33,12 +33,12 @@ from poseppl.filters.scan import (
 )
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
-from poseppl.program.built_once import built_once
 from poseppl.program.large_integers import are_exact
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Prediction
-from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
+from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
 
 _LONG, _SHORT, _SINGLE = 64, 8, 1
 """Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those of large
@@ -83,7 +83,7 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
     return keys
 
 
-@built_once
+@memoized_builder
 def collect_kept(filter: Filter, collect: Collect, keep: bool) -> Collect:
     """Keep of a frame :class:`Kept`, with or without the filter's history."""
 
@@ -121,7 +121,7 @@ class _Programs(NamedTuple):
     """For each kind of data what :class:`Calls` made of the programs, by name."""
 
 
-@built_once
+@memoized_builder
 def _start_program(filter: Filter, layout: Layout) -> Any:
     """`(rng_key, frame, constant) -> Start`, jitted; how a run begins, whatever is kept of it."""
 
@@ -132,12 +132,12 @@ def _start_program(filter: Filter, layout: Layout) -> Any:
     return jit(start)
 
 
-@built_once
+@memoized_builder
 def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout, keep: bool) -> _Programs:
     """The programs, with or without the filter's history; kept, with what is compiled for them, by the filter."""
     tell_filter_defined_anew(filter)
-    tell_defined_anew(filter, "collector", collect)
-    tell_defined_anew(filter, "predictive check", predict)
+    warn_recompilation(filter, "collector", collect)
+    warn_recompilation(filter, "predictive check", predict)
     advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
@@ -203,7 +203,7 @@ class Calls:
         self.history_bytes = bytes_of_frame(filter, start.state) * sequence.num_frames
         self.keeps_history = 0 < self.history_bytes <= history_bytes
         self._programs: _Programs = _programs(filter, collect, predict, sequence.layout, self.keeps_history)
-        self._made = self._programs.made.setdefault(kind_of(self._first_data()), {})
+        self._made = self._programs.made.setdefault(abstract_signature(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(start))
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
@@ -290,7 +290,7 @@ def joined(parts: list[Kept]) -> Kept:
     return whole
 
 
-def kind_of(data: Any) -> Any:
+def abstract_signature(data: Any) -> Any:
     """What programs are compiled for: structure, shapes, types and places of the data, and type and place of new numbers."""
     leaves, structure = jax.tree.flatten(data)
     new = jax.device_put(np.zeros(()))

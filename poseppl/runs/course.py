@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseppl.errors import PosepplError
 from poseppl.files.store import Note
 from poseppl.filters.base import Info
-from poseppl.filters.suitability import suited_filters
+from poseppl.filters.suitability import compatible_filters
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.runs.compiled_scan import Calls, Kept, joined
@@ -195,10 +195,10 @@ class Course:
         filter = self._calls.filter
         weighted = state.particles.ndim == 2 and not filter.closed_form
         few = weighted and bool((np.asarray(info.ess) < FEW).any())
-        misses = few or filter.seeks_mode or filter.points is not None
+        misses = few or filter.is_optimizer or filter.points is not None
         if filter.model is None or not misses:
             return filter.provenance
-        return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}
+        return {**filter.provenance, "suited filters": list(compatible_filters(filter.model))}
 
 
 def _collapse(run: Run, numbers: Sequence[int]) -> str | None:

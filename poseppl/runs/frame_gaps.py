@@ -20,7 +20,7 @@ from poseppl.errors import InputError
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import Constant, check_input_rows
 
-_MOST = 1_000_000
+_MAX = 1_000_000
 """Frames of a sequence whose gaps are filled."""
 
 
@@ -56,8 +56,8 @@ class Gaps:
             InputError: They are too many.
         """
         first, last = int(self.frames[0]), int(self.frames[-1])
-        if (last - first) // self.stride >= _MOST:
-            raise InputError(f"{self}", field="frames", expected=f"at most {_MOST} frames, if gaps are to be filled")
+        if (last - first) // self.stride >= _MAX:
+            raise InputError(f"{self}", field="frames", expected=f"at most {_MAX} frames, if gaps are to be filled")
         return np.arange(first, last + 1, self.stride)
 
     @property

@@ -20,8 +20,8 @@ from poseppl.compilation import jit
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.scan import frame_keys
 from poseppl.program import Observation
-from poseppl.program.built_once import built_once
 from poseppl.program.explanation import check_inputs
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import check_frame_shapes, check_is_observation
 from poseppl.runs.compiled_scan import is_finite
 from poseppl.runs.course import RunError, breakdown_message
@@ -89,7 +89,7 @@ class Online:
         return observation, jax.tree.map(lambda leaf, shape: device_array(leaf, shape.dtype), inputs, declared)
 
 
-@built_once
+@memoized_builder
 def _programs(filter: Filter) -> tuple[Any, Any]:
     """A filter's `init` and `step`, compiled for single frames; both return besides whether the state is finite."""
     tell_filter_defined_anew(filter)

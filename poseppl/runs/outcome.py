@@ -27,7 +27,7 @@ _GAUSSIAN_DRAWS = 500
 """Draws that stand for a frame's Gaussian where a smoother wants particles."""
 
 
-def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
+def result_kwargs(run: Run | SmoothingRun) -> dict[str, Any]:
     """Contents of a run that collected draws, as arguments of :func:`poseppl.runs.results.build_result`.
 
     Args:
@@ -77,7 +77,7 @@ def result_of_run(
     Returns:
         The result; see :mod:`poseppl.runs.results`.
     """
-    parts = parts_of_run(run)
+    parts = result_kwargs(run)
     attributes = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
     rounded = [] if observations is None else list(model.rounding_notes(observations).values())
     if rounded:

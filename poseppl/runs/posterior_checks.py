@@ -40,7 +40,7 @@ GROUP = "posterior_checks"
 _HIDES = 0.75
 """Variance of an entry's expectation over the draws, in units of its noise, from which it is left out: more than a posterior
 can leave, such as that of a Gaussian which a projection bends."""
-_LEAST = 8
+_MIN = 8
 """Draws below which nothing is checked: a single path is no draw."""
 
 
@@ -81,7 +81,7 @@ def check_posterior(
         raise InputError("the result is not smoothed", expected="the result of smooth; infer(..., predict=) checks a filter")
     state = flat_draws(result).transpose("frame", "chain", "draw", "dof").values
     draws = state.reshape(len(state), -1, state.shape[-1])
-    if draws.shape[1] < _LEAST:
+    if draws.shape[1] < _MIN:
         return result
     number = min(num_draws, draws.shape[1])
     draws = draws[:, np.arange(number) * draws.shape[1] // number]
@@ -89,7 +89,7 @@ def check_posterior(
     observations = model.observe(arrays_of(result, "observed_data")) if data is None else data
     key_data, key_steps = jax.random.split(rng_key)
     checks: dict[str, Any] = {}
-    if model.prediction_obstacle(None if rows is None else rows_of(rows, 0)) is None:
+    if model.why_not_predictive(None if rows is None else rows_of(rows, 0)) is None:
         square, seen = _data(model, jax.random.split(key_data, len(draws)), draws, observations, rows)
         checks |= {"data_square": ("frame", np.asarray(square)), "data_seen": ("frame", np.asarray(seen))}
     if known.get("joint") and len(draws) > 1:

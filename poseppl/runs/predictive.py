@@ -33,7 +33,7 @@ from poseppl.gaussians.gaussian import lower_inverse
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 
 _MAX_JOINT = 400
@@ -46,7 +46,7 @@ _STRATA = 20
 """Draws that are kept of the weighted states."""
 _RIDGE = 1e-4
 """Added to the diagonal of correlations: states that hardly differ leave a singular matrix."""
-_LEAST = 1e-30
+_MIN = 1e-30
 """Least variance of an entry."""
 
 
@@ -128,7 +128,7 @@ class Prediction(NamedTuple):
         return cls(data, StatePrediction(**state) if "explained" in state else None)
 
 
-@built_once
+@memoized_builder
 def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: bool = True, of_points: bool = True) -> Predict:
     """Build the checks for :func:`poseppl.runs.run.run_filter`.
 
@@ -140,7 +140,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
 
     Returns:
         The checks; they raise a ValueError where the observation program has a heuristic likelihood, which predicts no data
-        (`model.prediction_obstacle` tells).
+        (`model.why_not_predictive` tells).
     """
     check_at_least(8, num_draws=num_draws)
     finite = np.array(model.finite_coordinates)
@@ -217,7 +217,7 @@ def _weighted(previous: Array, states: Array, log_weights: Array, offset: Array)
     weights = jax.nn.softmax(log_weights)
     ess, mean = 1 / jnp.sum(weights**2), weights @ states
     (before, scale), (after, spread) = _standardised(previous), _standardised(states)
-    weighted = jnp.sqrt(weights * ess / jnp.maximum(ess - 1, _LEAST))[:, None] * (states - mean) / spread
+    weighted = jnp.sqrt(weights * ess / jnp.maximum(ess - 1, _MIN))[:, None] * (states - mean) / spread
     correlation = weighted.T @ weighted
     slopes = _inverse(before.T @ before) @ before.T @ after
     left = slopes @ _inverse(after.T @ after) @ correlation * (states.shape[0] - 1)
@@ -240,7 +240,7 @@ def _stratified(states: Array, weights: Array, offset: Array) -> Array:
 
 def _standardised(states: Array) -> tuple[Array, Array]:
     """States (S, d) less their mean and over their standard deviations (d,), and these."""
-    scale = jnp.maximum(jnp.std(states, 0, ddof=1), np.sqrt(_LEAST))
+    scale = jnp.maximum(jnp.std(states, 0, ddof=1), np.sqrt(_MIN))
     return (states - jnp.mean(states, 0)) / scale, scale
 
 
@@ -263,7 +263,7 @@ def _chi_square(means: Array, variances: Array, data: Array, seen: Array) -> tup
     centre = jnp.mean(means[:half], 0)
     centred = means[:half] - centre
     noise = jnp.mean(variances[:half], 0)
-    scale = jnp.sqrt(jnp.maximum(noise + jnp.sum(centred**2, 0) / (half - 1), _LEAST))
+    scale = jnp.sqrt(jnp.maximum(noise + jnp.sum(centred**2, 0) / (half - 1), _MIN))
     white, noise = jnp.where(seen, centred / scale, 0.0), jnp.where(seen, noise / scale**2, 0.0)
     number = jnp.maximum(jnp.sum(seen), 1)
     if data.shape[0] > _MAX_JOINT:
@@ -277,7 +277,7 @@ def _chi_square(means: Array, variances: Array, data: Array, seen: Array) -> tup
 def _autoregression(previous: Array, states: Array) -> Array:
     """Slopes (d,) of the states (S, d) on those before."""
     centred = previous - jnp.mean(previous, 0)
-    return jnp.sum(centred * states, 0) / jnp.maximum(jnp.sum(centred**2, 0), _LEAST)
+    return jnp.sum(centred * states, 0) / jnp.maximum(jnp.sum(centred**2, 0), _MIN)
 
 
 def _explained(states: Array, scores: Array) -> Array:
@@ -294,7 +294,7 @@ def _explained(states: Array, scores: Array) -> Array:
     # a root of I + S' S from S itself: the product would lose small differences between large numbers
     left = lower_inverse(jnp.linalg.qr(jnp.concatenate([signal, jnp.eye(rank)]), mode="r").T)
     gains = rank - jnp.sum(left**2)
-    residual = jnp.sum((left @ root) ** 2, 0) / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
+    residual = jnp.sum((left @ root) ** 2, 0) / jnp.maximum(jnp.sum(root**2, 0), _MIN)
     return 1 - residual * (number - 1) / jnp.maximum(number - 1 - gains, 1.0)
 
 

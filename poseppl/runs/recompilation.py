@@ -1,7 +1,7 @@
 """Hints at compilations that would not be needed: functions that are defined anew for every run.
 
 JAX cannot know that two functions do the same, and compiles for each. Builders of poseppl return the same object for equal
-settings (:mod:`poseppl.program.built_once`); a lambda in a loop is another object each time, which is said once.
+settings (:mod:`poseppl.program.memoized_builder`); a lambda in a loop is another object each time, which is said once.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _told: set[CodeType] = set()
 def tell_filter_defined_anew(filter: Filter) -> None:
     """Say once that a filter is compiled for whose functions are those of an earlier one, defined anew."""
     if isinstance(filter.step, FunctionType) and _is_anew(_ANY, filter.step, also=filter.init):
-        _tell(filter.step, "filter", "build it once, outside of the loop, or decorate its builder with built_once")
+        _tell(filter.step, "filter", "build it once, outside of the loop, or decorate its builder with memoized_builder")
 
 
-def tell_defined_anew(owner: Any, what: str, function: Callable[..., Any] | None) -> None:
+def warn_recompilation(owner: Any, what: str, function: Callable[..., Any] | None) -> None:
     """Say once that a function is compiled for that is the same as an earlier one, defined anew.
 
     Args:

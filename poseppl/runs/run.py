@@ -38,7 +38,7 @@ _LONGEST = 64
 """Frames in one call at most, where their number adapts."""
 _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
-_PATIENCE = 0.25
+_TARGET_CHUNK_SECONDS = 0.25
 """Seconds that a call may take where the number of its frames adapts."""
 
 
@@ -134,7 +134,7 @@ def _go_on(
         state, kept = course.advance(min(start + pace, num_frames) if start else 1)
         if adapts:
             seconds = (time.perf_counter() - began) / (course.stop - start)
-            pace = min(max(int(_PATIENCE / max(seconds, 1e-9)), _SAVED), length)
+            pace = min(max(int(_TARGET_CHUNK_SECONDS / max(seconds, 1e-9)), _SAVED), length)
         if checkpoint is not None:
             checkpoint.save(start, course.stop, state, kept)
         if progress:

@@ -25,15 +25,15 @@ from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
-from poseppl.program.built_once import built_once
 from poseppl.program.large_integers import overflow_message, overflown
-from poseppl.runs.compiled_scan import is_finite, kind_of
+from poseppl.program.memoized_builder import memoized_builder
+from poseppl.runs.compiled_scan import abstract_signature, is_finite
 from poseppl.runs.frame_sequence import frame_sequence
-from poseppl.runs.recompilation import tell_defined_anew
+from poseppl.runs.recompilation import warn_recompilation
 from poseppl.runs.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
 
-_MOST_UNREACHABLE = 0.05
+_MAX_UNREACHABLE = 0.05
 """Share of a frame's smoothed states above which a smoothing that cannot reach them is refused."""
 
 
@@ -123,7 +123,7 @@ def run_smoother(
 def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
     """Refuse a smoothing of which too much is the filter's."""
     frame = int(np.argmax(unreachable))
-    if unreachable[frame] > _MOST_UNREACHABLE:
+    if unreachable[frame] > _MAX_UNREACHABLE:
         raise SmoothingError(
             f"frame {frame} (counted from 0): {unreachable[frame]:.0%} of the smoothed states cannot come from any state that "
             "the filter left there, so nothing can be said of earlier frames. A state with parts that have no noise needs all "
@@ -152,13 +152,13 @@ def mask_failed(observations: Observation, failed: Array | Booleans) -> Observat
 def _compiled(smoother: Smoother, *given: Any) -> Any:
     """The smoother's function of the key of the run, the history, data and inputs, compiled once for data of one kind."""
     smooth, made = _smoothing(smoother)
-    kind = kind_of(given)
+    kind = abstract_signature(given)
     if kind not in made:
         made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1], smoother.closed_form)
     return made[kind]
 
 
-@built_once
+@memoized_builder
 def _smoothing(smoother: Smoother) -> tuple[Any, dict[Any, Any]]:
     """The smoother's function, jitted, from the key of the run; and, by the kind of its data, what was compiled of it."""
 
@@ -168,14 +168,14 @@ def _smoothing(smoother: Smoother) -> tuple[Any, dict[Any, Any]]:
     return jit(smooth), {}
 
 
-@built_once
+@memoized_builder
 def _collecting(smoother: Smoother, collect: Collect) -> Any:
     """A jitted function that lets the collector see one frame after another, and tells whether all are finite.
 
     Trajectories count as one chain, and stay whole.
     Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
     """
-    tell_defined_anew(smoother, "collector", collect)
+    warn_recompilation(smoother, "collector", collect)
 
     def collected(rng_key: Array, smoothed: Smoothed, inputs: Any) -> tuple[Array, Any]:
         frames = _Frame(smoothed.particles, smoothed.log_weights, smoothed.marginals)

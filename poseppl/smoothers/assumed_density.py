@@ -25,13 +25,13 @@ from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import prepend, rows_of
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_draws
 from poseppl.smoothers.rauch_tung_striebel import ForwardPass, backward_moments, draw_backwards, predict_with_gain
 
 
-@built_once
+@memoized_builder
 def assumed_density_smoother(model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order") -> Smoother:
     """The backward pass of assumed density filtering, between the Gaussians of the filter's particles: fast, of one mode.
 

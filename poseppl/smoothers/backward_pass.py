@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.particles.stacks import rows_of
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_transitions_into
 
@@ -78,5 +78,5 @@ def backward_pass(
 def log_backward(model: CompiledModel, x: Array, particles: Array, log_weights: Array, inputs: Any) -> tuple[Array, Array]:
     """Unnormalised log-probabilities (N,) that a state (d,) comes from each particle, and whether there is any."""
     log_transition = log_transitions_into(model, x, particles, inputs)
-    joint = log_weights + without_nan(log_transition)
+    joint = log_weights + nan_to_neg_inf(log_transition)
     return joint, jnp.any(joint > -jnp.inf)

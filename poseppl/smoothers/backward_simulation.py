@@ -30,16 +30,16 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_transition_matrix, log_transitions
 from poseppl.smoothers.backward_pass import Earlier, Step, backward_pass
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows, with_densities
+from poseppl.smoothers.tiles import block_size, check_tile, join_rows, split_rows, with_densities
 
 Method = Literal["exact", "metropolis"]
 
 
-@built_once
+@memoized_builder
 def backward_simulation_smoother(
     model: CompiledModel, num_trajectories: int = 500, *, method: Method = "exact", num_moves: int = 1, tile: int | None = None
 ) -> Smoother:
@@ -125,7 +125,7 @@ def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: 
     count, block = earlier.shape[0], max(1, round(earlier.shape[0] ** 0.5))
     columns = split_rows(earlier, block).reshape(-1, earlier.shape[1])
     weights = jnp.zeros(columns.shape[0], log_weights.dtype).at[:count].set(jnp.exp(log_weights))
-    rows = tile_rows(tile, chosen.shape[0], columns.shape[0])
+    rows = block_size(tile, chosen.shape[0], columns.shape[0])
     heights = 1.0 - jax.random.uniform(rng_key, chosen.shape, log_weights.dtype)
 
     def draw(part: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -83,18 +83,18 @@ class Smoother:
     Attributes:
         smooth: `(rng_key, history, observations, inputs) -> smoothed`.
         joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
-        follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
+        requires_genealogy: Whether it needs all of the filter's particles and their ancestors, not only draws.
         closed_form: Whether its means come from a formula, without Monte Carlo error, whatever is drawn from them.
         reweighs: Whether it draws nothing and gives the filter's particles new weights, which are exact where these are all
             values of the state.
         is_optimizer: Whether it returns only the most probable trajectory, whose standard deviations mean nothing.
         model: The model; None for a smoother whose builder is not decorated with
-            :func:`~poseppl.program.built_once.built_once`, which sets it.
+            :func:`~poseppl.program.memoized_builder.memoized_builder`, which sets it.
     """
 
     smooth: Callable[[Array, History, Observation, Any], Smoothed]
     joint: bool
-    follows_ancestors: bool = False
+    requires_genealogy: bool = False
     closed_form: bool = False
     reweighs: bool = False
     is_optimizer: bool = False

@@ -26,7 +26,7 @@ from jax import Array
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.particles.stacks import split_first
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
@@ -85,7 +85,7 @@ def _run(
     num_free = num_particles - 1
 
     def weigh(particles: Array, observation: Observation, inputs: Any) -> Array:
-        return without_nan(log_likelihoods(model, particles, observation, inputs))
+        return nan_to_neg_inf(log_likelihoods(model, particles, observation, inputs))
 
     def advance(carry: tuple[Array, Array], row: Any) -> tuple[Any, Any]:
         particles, log_weights = carry

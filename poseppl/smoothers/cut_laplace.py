@@ -26,7 +26,7 @@ from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal,
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.curvature import at_expected_errors, climb_to_mode, safe_cholesky, trajectory_precisions
 from poseppl.smoothers.effective import smoothed_draws
@@ -35,7 +35,7 @@ _TOGETHER = 50
 """Trajectories that are drawn side by side."""
 
 
-@built_once
+@memoized_builder
 def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: int = 500, num_mode_steps: int = 100) -> Smoother:
     """Laplace's approximation, with coordinates that do not change and keep their prior.
 

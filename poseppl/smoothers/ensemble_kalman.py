@@ -23,11 +23,11 @@ from poseppl.filters.ensemble_kalman import EnsembleSettings, EnsembleState, ana
 from poseppl.gaussians.ensemble import Form, moved
 from poseppl.gaussians.localisation import Localisation
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 
-@built_once
+@memoized_builder
 def ensemble_kalman_smoother(
     model: CompiledModel,
     *,

@@ -25,7 +25,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.genealogy import check_genealogy, shared_ess
 
@@ -55,7 +55,7 @@ class FixedLagState(NamedTuple):
         return current
 
 
-@built_once
+@memoized_builder
 def fixed_lag(filter: Filter, lag: int) -> Filter:
     """Make a filter of particles smooth as it goes.
 
@@ -89,7 +89,7 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
     return Filter(init, step, model=filter.model)
 
 
-@built_once
+@memoized_builder
 def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
     """Fixed-lag smoothing: the ancestors of the particles a few frames later.
 
@@ -125,7 +125,7 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
         ess = jax.vmap(shared_ess)(jnp.exp(ends), ancestry)
         return Smoothed(particles, ends, smoothing_info(num_frames, ess))
 
-    return Smoother(smooth, joint=False, follows_ancestors=True)
+    return Smoother(smooth, joint=False, requires_genealogy=True)
 
 
 def normalise_rows(log_weights: Array) -> Array:

@@ -25,13 +25,13 @@ from jax import Array
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, split_rows, tile_rows, with_densities
+from poseppl.smoothers.tiles import block_size, check_tile, split_rows, with_densities
 
 
-@built_once
+@memoized_builder
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
     """Forward-backward smoothing (FBS): the filter's particles, weighted anew by what comes after them.
 
@@ -87,7 +87,7 @@ def _support(
     The second value is the weight of later particles that come from no earlier one.
     """
     num_later, num_earlier = later.shape[0], earlier.shape[0]
-    rows = tile_rows(tile, num_later, num_earlier)
+    rows = block_size(tile, num_later, num_earlier)
 
     def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, Array]:
         xs, shares = part

@@ -15,11 +15,11 @@ from jax import Array
 
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 
-@built_once
+@memoized_builder
 def genealogy_smoother(model: CompiledModel) -> Smoother:
     """The ancestors of the last frame's particles: the baseline of smoothing.
 
@@ -41,7 +41,7 @@ def genealogy_smoother(model: CompiledModel) -> Smoother:
         log_weights = jnp.broadcast_to(last.log_weights, indices.shape)
         return Smoothed(particles, log_weights, smoothing_info(num_frames, ess))
 
-    return Smoother(smooth, joint=True, follows_ancestors=True)
+    return Smoother(smooth, joint=True, requires_genealogy=True)
 
 
 def check_genealogy(history: History) -> None:

@@ -9,7 +9,7 @@ from jax import Array
 
 from poseppl.filters.base import Filter
 from poseppl.filters.scan import scan_filter
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, collect_history
 
@@ -27,7 +27,7 @@ def filter_for(model: CompiledModel, build_filter: Any) -> Filter:
     built: Filter = build_filter(model)
     if built.model not in (None, model):
         raise ValueError(f"The filter was built for another model, whose params are others. Expected {cure}.")
-    if built.seeks_mode:
+    if built.is_optimizer:
         raise ValueError("The filter seeks a mode, and has no evidence to judge params by. Use a particle or a Kalman filter.")
     return built
 
@@ -40,4 +40,4 @@ def filter_history(filter: Filter, rng_key: Array, observations: Observation, in
 
 def filter_evidence(filter: Filter, rng_key: Array, observations: Observation, inputs: Any) -> Array:
     """Log-evidence of all frames as a filter estimates it, a scalar; -inf when it cannot."""
-    return without_nan(jnp.sum(scan_filter(filter, rng_key, observations, inputs).outputs.log_evidence))
+    return nan_to_neg_inf(jnp.sum(scan_filter(filter, rng_key, observations, inputs).outputs.log_evidence))

@@ -23,7 +23,7 @@ from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, marginal_covariances, solve_upper
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.curvature import at_expected_errors, climb_to_mode, safe_cholesky, trajectory_precisions
 from poseppl.smoothers.effective import smoothed_draws
@@ -32,7 +32,7 @@ _TOGETHER = 50
 """Trajectories that are drawn side by side."""
 
 
-@built_once
+@memoized_builder
 def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_steps: int = 100) -> Smoother:
     """The mode of the whole trajectory with the Gaussian of its curvature: fast, and exact for linear Gaussian models.
 

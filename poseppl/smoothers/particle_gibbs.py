@@ -17,14 +17,14 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import smoothed_chains
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
 
-@built_once
+@memoized_builder
 def particle_gibbs_smoother(
     model: CompiledModel,
     *,
@@ -59,7 +59,7 @@ def particle_gibbs_smoother(
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_start, key_moves = jax.random.split(rng_key)
-        starts = draw_trajectories(model, key_start, history, inputs, num_chains)
+        starts = initial_trajectories(model, key_start, history, inputs, num_chains)
 
         def move(key: Array, xs: Array) -> Array:
             return conditional_smc(model, key, xs, observations, inputs, num_particles, method)

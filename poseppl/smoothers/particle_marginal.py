@@ -28,7 +28,7 @@ from poseppl.checks import check_at_least, check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
@@ -116,7 +116,7 @@ def pmmh(
         built = filter_for(model.with_params(bijector.to_params(u)), build_filter)
         log_evidence = filter_evidence(built, rng_key, observations, inputs)
         log_posterior = log_evidence + bijector.log_prior(model, u)
-        return without_nan(log_posterior), log_evidence
+        return nan_to_neg_inf(log_posterior), log_evidence
 
     key_start, key_first, key_updates = jax.random.split(rng_key, 3)
     positions, known = starting_points(model, bijector, key_start, num_chains, start)

@@ -28,12 +28,12 @@ from poseppl.gaussians.linearisation import Method, Moments, linearise_about, pr
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_draws
 
 
-@built_once
+@memoized_builder
 def rauch_tung_striebel_smoother(
     model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order", num_iterations: int = 1
 ) -> Smoother:

@@ -22,11 +22,11 @@ from poseppl.program import CompiledModel
 from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
 from poseppl.smoothers.base import History
 
-_MOST = 512
+_MAX = 512
 """Particles of a frame that are looked at."""
 
 
-def draw_trajectories(model: CompiledModel, rng_key: Array, history: History, inputs: Any, num: int) -> Array:
+def initial_trajectories(model: CompiledModel, rng_key: Array, history: History, inputs: Any, num: int) -> Array:
     """Draw trajectories (num, T, d).
 
     Args:
@@ -55,9 +55,9 @@ def draw_trajectories(model: CompiledModel, rng_key: Array, history: History, in
 def _thin(rng_key: Array, history: History) -> tuple[Array, Array]:
     """At most a few hundred particles a frame, with their log-weights."""
     num_frames, num_particles, _ = history.particles.shape
-    if num_particles <= _MOST:
+    if num_particles <= _MAX:
         return history.particles, history.log_weights
     keys = jax.random.split(rng_key, num_frames)
-    kept = jax.vmap(lambda key, weights: systematic(key, weights, _MOST))(keys, history.log_weights)
+    kept = jax.vmap(lambda key, weights: systematic(key, weights, _MAX))(keys, history.log_weights)
     chosen = jnp.take_along_axis(history.particles, kept[:, :, None], 1)
-    return chosen, jnp.zeros((num_frames, _MOST), history.log_weights.dtype)
+    return chosen, jnp.zeros((num_frames, _MAX), history.log_weights.dtype)

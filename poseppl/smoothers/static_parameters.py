@@ -33,7 +33,7 @@ from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.particles.stacks import rows_of
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
@@ -43,7 +43,7 @@ from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.inner_filter import filter_history
 from poseppl.smoothers.particle_marginal import starting_points
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
 _TARGET_ACCEPTANCE = 0.8
 _MAX_DOUBLINGS = 6
@@ -186,7 +186,7 @@ def _move_params(setting: _Setting, rng_key: Array, xs: Array, u: Array, step_si
     def log_density(u: Array) -> Array:
         joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
         value = joint + setting.bijector.log_prior(setting.model, u)
-        return without_nan(value)
+        return nan_to_neg_inf(value)
 
     kernel: Any = blackjax.nuts.build_kernel()
     start = blackjax.hmc.init(u, log_density)
@@ -198,7 +198,7 @@ def _first_trajectory(setting: _Setting, rng_key: Array, u: Array) -> Array:
     key_filter, key_draw = jax.random.split(rng_key)
     model = setting.bound(u)
     history = filter_history(particle_filter(model, setting.num_particles), key_filter, setting.observations, setting.inputs)
-    return draw_trajectories(model, key_draw, history, setting.inputs, 1)[0]
+    return initial_trajectories(model, key_draw, history, setting.inputs, 1)[0]
 
 
 def _smoothed(particles: Array, diagnosis: Any, num_moved: int) -> Smoothed:

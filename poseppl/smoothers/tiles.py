@@ -25,7 +25,7 @@ ENTRIES = 2**20
 """Entries of a tile: enough to keep two cores busy, few enough for the cache."""
 
 
-def tile_rows(tile: int | None, num_rows: int, num_columns: int) -> int:
+def block_size(tile: int | None, num_rows: int, num_columns: int) -> int:
     """Rows of a tile: as asked, or about 2^20 entries, in tiles of equal size.
 
     Raises:

@@ -34,14 +34,14 @@ from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
 from poseppl.smoothers.effective import smoothed_chains
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
 
-@built_once
+@memoized_builder
 def trajectory_smoother(
     model: CompiledModel,
     *,
@@ -82,7 +82,7 @@ def trajectory_smoother(
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_start, key_length, key_chains = jax.random.split(rng_key, 3)
-        drawn = draw_trajectories(model, key_start, history, inputs, max(num_chains, num_curvatures))
+        drawn = initial_trajectories(model, key_start, history, inputs, max(num_chains, num_curvatures))
         factor = safe_cholesky(average_precision(model, drawn[:num_curvatures], observations, inputs))
         lengths = trajectory_lengths(key_length, settings)
 

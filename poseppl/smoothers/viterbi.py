@@ -22,15 +22,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.particles.stacks import split_first
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
+from poseppl.smoothers.tiles import block_size, check_tile, join_rows, split_rows
 
 
-@built_once
+@memoized_builder
 def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
     """The most probable path through the filter's particles.
 
@@ -71,7 +71,7 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
 def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Any]:
     """Log-densities delta (N,) of one frame from that of the frame before; these (N,), and whether no path goes on."""
     earlier, later, seen, inputs = frame
-    rows = tile_rows(tile, later.shape[0], earlier.shape[0])
+    rows = block_size(tile, later.shape[0], earlier.shape[0])
 
     heights = jax.lax.map(lambda xs: jnp.max(_paths(model, xs, earlier, best, inputs), 1), split_rows(later, rows))
     reached = join_rows(heights, later.shape[0])
@@ -87,7 +87,7 @@ def _predecessor(model: CompiledModel, index: Array, row: tuple[Array, Any]) -> 
 
 def _paths(model: CompiledModel, xs: Array, earlier: Array, best: Array, inputs: Any) -> Array:
     """Log-densities (n, N) of the best paths to states (n, d) through each earlier one (N, d)."""
-    return without_nan(log_transition_matrix(model, xs, earlier, inputs) + best)
+    return nan_to_neg_inf(log_transition_matrix(model, xs, earlier, inputs) + best)
 
 
 def _usable(log_densities: Array) -> Array:

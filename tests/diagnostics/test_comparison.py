@@ -12,7 +12,7 @@ from same_data import DOFS, run_on, scene
 
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.batches import CONFIDENCE, log_ratio, mean_interval
-from poseppl.diagnostics.paired_comparison import LEAST_COVERAGE, TIE, compare_losses
+from poseppl.diagnostics.paired_comparison import MIN_COVERAGE, TIE, compare_losses
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.errors import InputError
@@ -166,7 +166,7 @@ def test_runs_without_a_figure_do_not_take_part() -> None:
 def test_a_wrong_posterior_is_left_out_of_comparisons_of_ess() -> None:
     result = compare({"wrong": run_on(DATA, shift=5.0, seconds=0.001), "a": run_on(DATA, seed=1), "b": run_on(DATA, rho=0.8)})
     assert result["summary"]["miscalibrated"].values.tolist() == [True, False, False]
-    assert result["summary"]["coverage_all"].sel(run="wrong", level=0.9) < LEAST_COVERAGE
+    assert result["summary"]["coverage_all"].sel(run="wrong", level=0.9) < MIN_COVERAGE
     assert result["winner"]["winner"].sel(quantity="ess_per_second").item() == "a"
     assert not result["winner"]["not_worse"].sel(quantity="error", run="wrong")
 

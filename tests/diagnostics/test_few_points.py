@@ -10,7 +10,7 @@ from test_unreached import FAINT, NOWHERE, filtered
 
 from poseppl import infer
 from poseppl.diagnostics import verdicts
-from poseppl.diagnostics.few_points import few_points_inflation
+from poseppl.diagnostics.few_points import finite_sample_inflation
 from poseppl.filters import hmc_filter
 from poseppl.kernels import HMCSettings
 from poseppl.runs.predictive import StatePrediction, predictive_checks
@@ -22,7 +22,7 @@ from poseppl.runs.simulation import simulate
 def test_the_least_inflation_is_at_most_the_true_one_and_most_of_it(noise: float) -> None:
     """Of 800 sequences of five points; it is of first order in 1 / n, which leaves less than 0.3 of what is beyond 1 out."""
     found = [filtered(noise, 0.9, ancestors=5, seed=seed) for seed in range(16)]
-    least = np.mean([few_points_inflation(each.prediction, each.deviation, 5) for each in found]) - 1
+    least = np.mean([finite_sample_inflation(each.prediction, each.deviation, 5) for each in found]) - 1
     claimed = np.mean([np.square(each.deviation).sum(0) for each in found])
     errors = np.concatenate([np.square(each.mean - each.truth).sum(0) for each in found]) / claimed
     true, error = errors.mean() - 1, errors.std() / np.sqrt(len(errors))
@@ -76,7 +76,7 @@ def test_what_coordinates_have_in_common_is_handed_on() -> None:
     rng = np.random.default_rng(0)
     found = [_common(rng, 60) for _ in range(600)]
     told = [
-        [few_points_inflation(checks, np.sqrt(P), 60, each).mean() - 1 for each in (draws, None)]
+        [finite_sample_inflation(checks, np.sqrt(P), 60, each).mean() - 1 for each in (draws, None)]
         for checks, draws, P, _ in found
     ]
     least, apart = np.mean(told, axis=0)

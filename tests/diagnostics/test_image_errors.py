@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseppl.diagnostics.image_errors import LEAST_SHARE, ImageErrors
+from poseppl.diagnostics.image_errors import MIN_SHARE, ImageErrors
 
 FRAMES, MARKERS = 4000, 2
 BIAS, SPREAD = np.array([[0.0, 0.0], [12.0, -7.0]]), np.array([2.0, 5.0])
@@ -40,6 +40,6 @@ def test_what_a_posterior_knows_is_taken_off_the_expectation() -> None:
     np.testing.assert_allclose(expected, 2 * FRAMES * MARKERS * (1 - 1.5**2 / SPREAD**2), rtol=1e-9)
     assert square == pytest.approx(expected, rel=0.05) and errors.left_out == 0
     # a posterior nearly as wide as the noise leaves residuals without information
-    sure = errors._replace(deviation=np.full(errors.residual.shape, SPREAD[0] * np.sqrt(1 - LEAST_SHARE / 2)))
+    sure = errors._replace(deviation=np.full(errors.residual.shape, SPREAD[0] * np.sqrt(1 - MIN_SHARE / 2)))
     assert sure.left_out == pytest.approx(0.5)
     assert np.isnan(sure.scale((0, 2, 3))[0])

@@ -53,7 +53,7 @@ def test_modes_have_the_exact_probabilities_of_their_sides(mirror) -> None:
     exact, tree = mirror
     modes = modes_over_time(tree)
     positive = exact[:, GRID > 0].sum(1)
-    two = np.minimum(positive, 1 - positive) > 2 * module.LEAST_SHARE
+    two = np.minimum(positive, 1 - positive) > 2 * module.MIN_SHARE
     two[3] = False  # near 0 both sides are one mode
     assert two.tolist() == [False] * 4 + [True] * 3 + [False]
     np.testing.assert_array_equal((modes.masses > 0).sum(1) == 2, two)
@@ -82,7 +82,7 @@ def test_an_ambiguity_arises_and_is_resolved_when_the_side_is_told(mirror) -> No
 
 def test_halves_of_one_mode_are_not_two(mirror, monkeypatch) -> None:
     """A bound below 2.65 divides normal distributions, and finds modes where the exact posterior has one."""
-    monkeypatch.setattr(module, "LEAST_APART", 2.0)
+    monkeypatch.setattr(module, "MIN_APART", 2.0)
     assert (modes_over_time(mirror[1]).masses[:3] > 0).sum(1).max() > 1
 
 

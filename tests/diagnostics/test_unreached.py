@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import checks_of_state
 
-from poseppl.diagnostics import check_unreached, unreached_figures, verdicts
+from poseppl.diagnostics import check_unreached, verdicts, weakly_observed_stats
 from poseppl.diagnostics.unreached import HARDLY
 from poseppl.diagnostics.verdicts.predictive import INFLATION_HIGH
 from poseppl.runs.predictive import StatePrediction
@@ -73,7 +73,7 @@ def filtered(noise: float, slope: float, *, ancestors: int | None = None, seed: 
 @pytest.mark.parametrize("noise", [NOWHERE, FAINT])
 def test_a_filter_that_is_right_is_let_be(noise: float, slope: float) -> None:
     right = filtered(noise, slope)
-    found = np.array([unreached_figures(*right.run(index)).inflation.estimate for index in range(RUNS)])
+    found = np.array([weakly_observed_stats(*right.run(index)).inflation.estimate for index in range(RUNS)])
     assert abs(found.mean() - 1) < 4 * found.std(ddof=1) / np.sqrt(RUNS) and found.std() < 0.3
     # of 50 runs of one coordinate; of 60 kinds of sequences, simulated 100 times each, none had more than 2 % accused
     accused = sum(bool(check_unreached(*right.run(index), ["x"])) for index in range(RUNS))
@@ -86,7 +86,7 @@ def test_a_filter_that_knows_the_past_by_ten_states_is_an_error(noise: float) ->
     # one coordinate of 60 frames tells three runs in five, ten coordinates tell all
     runs = [wrong.run(slice(start, start + 10)) for start in range(0, RUNS, 10)]
     assert [found.severity for run in runs for found in check_unreached(*run, ["x"] * 10)] == ["error"] * len(runs)
-    figures = unreached_figures(*wrong.run(slice(0, RUNS)))
+    figures = weakly_observed_stats(*wrong.run(slice(0, RUNS)))
     true = np.square(wrong.mean - wrong.truth).sum() / np.square(wrong.deviation).sum()
     errors = np.square(wrong.mean - wrong.truth).sum(0) / np.square(wrong.deviation).sum(0)
     assert figures.inflation.estimate > INFLATION_HIGH
@@ -106,10 +106,10 @@ def test_means_that_drift_alone_are_an_error() -> None:
 def test_coordinates_that_data_reach_are_left_to_the_data() -> None:
     reached = filtered(1.0, 0.9, ancestors=10)
     assert reached.prediction.explained.mean() > 2 * HARDLY
-    assert unreached_figures(*reached.run(slice(0, RUNS))) is None
+    assert weakly_observed_stats(*reached.run(slice(0, RUNS))) is None
     prediction, *posterior = filtered(NOWHERE, 0.9, ancestors=10).run(0)
     untold = prediction._replace(explained=np.full((FRAMES, 1), np.nan))
-    assert unreached_figures(untold, *posterior) is None
+    assert weakly_observed_stats(untold, *posterior) is None
 
 
 def test_a_single_frame_is_no_evidence() -> None:
@@ -153,7 +153,7 @@ def test_an_excess_is_handed_on_from_frame_to_frame() -> None:
         moved = (mean[t, 0] - centre[t, 0]) ** 2 - told - by_chance
         excess = ((1 - explained[t, 0]) * slope[t, 0]) ** 2 * excess + lost + moved
         total += excess
-    found = unreached_figures(StatePrediction(centre, predicted, error, slope, explained), mean, deviation, ess)
+    found = weakly_observed_stats(StatePrediction(centre, predicted, error, slope, explained), mean, deviation, ess)
     assert found is not None
     assert found.inflation.estimate == pytest.approx(1 + total / np.square(deviation).sum())
     assert found.explained == pytest.approx((explained * predicted).sum() / predicted.sum())

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from synthetic import checks_of_state
 
 from poseppl.diagnostics import check_intervals, check_updates, update_coverage, update_figures, verdicts
-from poseppl.diagnostics.updates import LEAST_DRAWS, _excess
+from poseppl.diagnostics.updates import MIN_DRAWS, _excess
 from poseppl.runs.predictive import StatePrediction, _weighted
 from poseppl.runs.results import Names, build_result
 
@@ -105,7 +105,7 @@ def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
     assert "intervals is 79 ± " in found.text
     of_modes = prediction._replace(explained=np.full((FRAMES, 1), np.nan))
     assert check_intervals(of_modes, mean - reach, mean + reach) == []
-    few = prediction._replace(weighted_ess=np.full(FRAMES, LEAST_DRAWS - 1))
+    few = prediction._replace(weighted_ess=np.full(FRAMES, MIN_DRAWS - 1))
     assert check_intervals(few, mean - reach, mean + reach) == []
 
 
@@ -144,7 +144,7 @@ def test_a_displacement_in_one_stretch_is_let_be() -> None:
 @pytest.mark.full
 def test_frames_of_few_effective_draws_tell_nothing() -> None:
     run = filtered(0, shift=0.3)
-    few = run.prediction._replace(weighted_ess=np.full(FRAMES, LEAST_DRAWS - 1))
+    few = run.prediction._replace(weighted_ess=np.full(FRAMES, MIN_DRAWS - 1))
     assert update_figures(few, *run[1:4]).frames == 0 and check_updates(few, *run[1:4]) == []
     unknown = run.prediction._replace(weighted_mean=np.full((FRAMES, 2), np.nan), weighted_ess=np.full(FRAMES, np.nan))
     assert check_updates(unknown, *run[1:4]) == []

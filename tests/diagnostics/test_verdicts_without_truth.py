@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from verdict_trees import drawn_tree, kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
 
-from poseppl.diagnostics.image_errors import LEAST_SHARE, image_errors
+from poseppl.diagnostics.image_errors import MIN_SHARE, image_errors
 from poseppl.motion.verdicts import residuals, silhouettes, steps
 from poseppl.motion.verdicts.steps import steps_of
 
@@ -54,7 +54,7 @@ def test_points_whose_spread_hides_their_noise_are_left_out_of_an_exact_filter()
     tree = kalman_tree(**dict.fromkeys(("noise", "told"), np.tile([9.0, 0.5, 0.2, 5.0], (2, 1))))
     found = image_errors(tree)
     share = 1 - np.square(tree["summary/points_sd"].values / tree["inputs/noise"].values[..., None])
-    assert 0.1 < found.left_out == np.mean(share < LEAST_SHARE) < 0.9
+    assert 0.1 < found.left_out == np.mean(share < MIN_SHARE) < 0.9
     assert found.scale() == pytest.approx(1, abs=0.05) and "Image points" not in texts(tree)
 
 

@@ -11,7 +11,7 @@ from poseppl_models.toys.linear_gaussian import linear_gaussian
 from poseppl import infer, smooth
 from poseppl.diagnostics import verdicts
 from poseppl.filters import annealed_filter, hidden_markov_filter, particle_filter
-from poseppl.filters.suitability import suited_filters, takes
+from poseppl.filters.suitability import compatible_filters, takes
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.results import provenance
@@ -24,7 +24,7 @@ from studies.choosing_models import MODELS
 @pytest.mark.parametrize("name", MODELS)
 def test_no_filter_is_advised_that_refuses_the_model(name: str) -> None:
     model = MODELS[name]().model
-    suited = suited_filters(model)
+    suited = compatible_filters(model)
     assert suited and all(takes(model, FILTERS[each].builder) for each in suited)
 
 

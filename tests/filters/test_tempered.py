@@ -17,7 +17,7 @@ from scipy.stats import norm
 from poseppl.filters import TemperedState, tempered_filter
 from poseppl.filters.tempered import _prior_covariance
 from poseppl.filters.tempering import Tempering, next_increment, temper
-from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, OwnKernel
+from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, CustomKernel
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.particles.resampling import systematic
 
@@ -79,9 +79,9 @@ def ratio(log_density):
 
 
 OWN = {
-    "mala": OwnKernel(blackjax.mala.init, blackjax.mala.build_kernel()),
-    "nuts": OwnKernel(blackjax.nuts.init, nuts),
-    "elliptical-slice": OwnKernel(
+    "mala": CustomKernel(blackjax.mala.init, blackjax.mala.build_kernel()),
+    "nuts": CustomKernel(blackjax.nuts.init, nuts),
+    "elliptical-slice": CustomKernel(
         lambda z, log_density: blackjax.elliptical_slice.init(z, ratio(log_density)),
         lambda rng_key, state, log_density, step_size: SLICE(rng_key, state, ratio(log_density)),
     ),

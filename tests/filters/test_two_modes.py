@@ -50,7 +50,7 @@ def test_weights_by_numbers_of_chains_drift(monkeypatch):
         chosen = jax.random.categorical(rng_key, modes.log_masses, shape=(num_chains,))
         return chosen, jnp.full(num_chains, -jnp.log(num_chains))
 
-    monkeypatch.setattr(mode_chains, "share_out", by_number)
+    monkeypatch.setattr(mode_chains, "allocate_chains", by_number)
     found = shares(3)
     assert ((found < 0.05) | (found > 0.95)).mean() > 0.5
 
@@ -72,7 +72,7 @@ def test_modes_linked_by_steps_are_one():
 @pytest.mark.parametrize("lesser", [0.5, 0.1, 0.02])
 def test_a_mode_weighs_its_mass_however_many_chains_it_got(lesser):
     modes = laplace([-10.0, 10.0, 10.5], np.log([1 - lesser, lesser / 2, lesser / 2]))
-    chosen, log_weights = mode_chains.share_out(jax.random.key(0), modes, 30)
+    chosen, log_weights = mode_chains.allocate_chains(jax.random.key(0), modes, 30)
     assert np.exp(log_weights)[np.asarray(chosen) > 0].sum() == pytest.approx(lesser, rel=1e-5)
     assert (chosen > 0).sum() >= max(1, np.floor(30 * lesser))
     assert np.exp(log_weights).sum() == pytest.approx(1.0, rel=1e-5)
@@ -83,13 +83,13 @@ def test_a_mode_weighs_its_mass_however_many_chains_it_got(lesser):
 def test_a_smaller_power_gives_a_lesser_mode_more_chains_and_the_same_weight(power, expected):
     """Of 0.1 and 0.9: shares of 0.1^a / (0.1^a + 0.9^a), to within a chain; without the power all would have the first."""
     modes = laplace([-10.0, 10.0], np.log([0.9, 0.1]))
-    chosen, log_weights = mode_chains.share_out(jax.random.key(0), modes, 1000, power)
+    chosen, log_weights = mode_chains.allocate_chains(jax.random.key(0), modes, 1000, power)
     assert abs((chosen == 1).sum() / 1000 - expected) < 2e-3
     assert np.exp(log_weights)[np.asarray(chosen) == 1].sum() == pytest.approx(0.1, rel=1e-5)
 
 
 @pytest.mark.full
 def test_where_no_mode_has_mass_all_chains_count_alike():
-    chosen, log_weights = mode_chains.share_out(jax.random.key(0), laplace([-10.0, 10.0, 10.5], [-np.inf] * 3), 30)
+    chosen, log_weights = mode_chains.allocate_chains(jax.random.key(0), laplace([-10.0, 10.0, 10.5], [-np.inf] * 3), 30)
     assert set(chosen.tolist()) == {0, 1, 2}
     np.testing.assert_allclose(np.exp(log_weights), 1 / 30, rtol=1e-5)

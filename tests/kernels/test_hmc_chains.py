@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from curved_density import banana, z_scores
 
-from poseppl.kernels import HMCSettings, OwnKernel, hmc_chains
+from poseppl.kernels import CustomKernel, HMCSettings, hmc_chains
 from poseppl.kernels.adapted_chain import unchecked
 
 SETTINGS = HMCSettings(num_updates=2000, num_leapfrog=12, num_warmup=200, step_size=0.3, jitter=0.5)
@@ -31,8 +31,8 @@ def test_a_fixed_step_and_length():
     assert np.abs(z_scores(run(banana, fixed).draws)).max() < 5
 
 
-MALA = OwnKernel(blackjax.mala.init, blackjax.mala.build_kernel())
-NUTS = OwnKernel(
+MALA = CustomKernel(blackjax.mala.init, blackjax.mala.build_kernel())
+NUTS = CustomKernel(
     blackjax.nuts.init,
     lambda key, state, density, step: blackjax.nuts.build_kernel()(unchecked(key), state, density, step, jnp.ones(2), 4),
 )
@@ -47,7 +47,7 @@ def test_kernels_of_ones_own_match_quadrature(own, acceptance):
 
 
 def test_a_kernel_without_acceptance_keeps_its_step_size():
-    still = OwnKernel(MALA.init, lambda key, state, density, step: (state, None))
+    still = CustomKernel(MALA.init, lambda key, state, density, step: (state, None))
     chains = run(banana, SETTINGS._replace(own=still, num_updates=3, num_warmup=1), num_chains=2)
     assert float(chains.log_step_size) == np.float32(np.log(SETTINGS.step_size))
     assert float(chains.acceptance) == 1.0 and int(chains.num_gradient) == 2 * (1 + 3)

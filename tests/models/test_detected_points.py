@@ -18,7 +18,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.cameras import moved_cameras
-from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
+from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
@@ -30,7 +30,7 @@ from poseppl.motion.tracking.lasting_errors import (
     SHIFT,
     SHIFTS_LAST,
     mean_deviation,
-    with_lasting_errors,
+    with_ar1_noise,
     with_no_errors,
 )
 from poseppl.motion.tracking.point_data import PointData
@@ -109,7 +109,7 @@ def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], f
 def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scene[PointData]) -> None:
     """A known start stays; else angles are those of people at rest, and the root may be far from where it was found."""
     known, sought = (make_problem(each) for each in (scene, scene._replace(states=None)))
-    kept, opened = (with_lasting_errors(each, scene.frames, RATE).inputs for each in (known, sought))
+    kept, opened = (with_ar1_noise(each, scene.frames, RATE).inputs for each in (known, sought))
     for name in ("start", "start_scale"):
         assert np.array_equal(getattr(kept, name).value, getattr(known.inputs, name).value)
     root = np.arange(scene.body.tree.dimension) < 6
@@ -123,7 +123,7 @@ def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scen
 def test_the_body_walks_as_its_velocities_were_learned(scene: Scene[PointData], mean_reverting: bool) -> None:
     """Moments of poses and velocities in the program are those of the transitions that their scales are learned with."""
     plain = make_problem(scene, mean_reverting=mean_reverting)
-    problem, seconds = with_lasting_errors(plain, scene.frames, RATE), np.full(FRAMES, 1 / RATE)
+    problem, seconds = with_ar1_noise(plain, scene.frames, RATE), np.full(FRAMES, 1 / RATE)
     model, own, d = problem.model, problem.inputs, scene.body.tree.dimension
     units = tuple(jnp.asarray(each, float) for each in velocity_steps(seconds))
     stacked = frame_sequence(plain.observations, plain.inputs, None).stacked_inputs()
@@ -154,14 +154,14 @@ def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.Da
 @pytest.mark.full
 def test_the_same_recording_is_posed_for_programs_that_are_compiled(scene: Scene[PointData]) -> None:
     """Model and collector are the very objects of the time before, for which JAX has compiled."""
-    once, again = (with_lasting_errors(make_problem(scene), scene.frames, scene.rate) for _ in range(2))
+    once, again = (with_ar1_noise(make_problem(scene), scene.frames, scene.rate) for _ in range(2))
     assert once.model is again.model and once.collector(20) is again.collector(20)
     assert once.collector(20) is not again.collector(21)
 
 
 @pytest.mark.full
 def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointData]) -> None:
-    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
+    problem = with_ar1_noise(make_problem(scene), scene.frames, scene.rate)
     assert scene.states is not None
     states = np.asarray(scene.states, np.float64)
     arms = np.tile([True, False, False, True], (FRAMES, 1))
@@ -174,9 +174,9 @@ def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointD
 
 @pytest.mark.full
 def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], filtered: xr.DataTree) -> None:
-    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
+    problem = with_ar1_noise(make_problem(scene), scene.frames, scene.rate)
     with pytest.raises(InputError, match="whole body"):
-        with_lasting_errors(problem, scene.frames, scene.rate)
+        with_ar1_noise(problem, scene.frames, scene.rate)
     with pytest.raises(InputError, match="--errors"):
         smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]
     cameras = jax.tree.map(lambda leaf: leaf[:1], scene.cameras)
@@ -190,7 +190,7 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
 def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     lengths = dict(scene.body.lengths)
     measured = MeasuredLengths(offsets_per_length(filtered), lengths_per_place(scene.body, scene.markers))
-    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, lengths=measured)
+    problem = with_ar1_noise(make_problem(scene), scene.frames, scene.rate, lengths=measured)
     assert problem.num_static == len(lengths) and problem.markers is not None
     assert scene.states is not None
     errors = np.random.default_rng(0).normal(size=len(lengths)) * SHIFT
@@ -215,7 +215,7 @@ def test_lengths_are_off_as_the_places_are_that_they_were_measured_in(scene: Sce
     found, told = np.stack(after) - before, shifts.reshape(50, -1) @ per_place[order].T
     assert np.abs(found - told).max() < (6 * 0.5) ** 2 / 90 < 0.2 * found.std(), np.abs(found - told).max()
     lengths = MeasuredLengths(offsets_per_length(filtered), per_place)
-    root = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, lengths=lengths).inputs.errors.length_root.value
+    root = with_ar1_noise(make_problem(scene), scene.frames, scene.rate, lengths=lengths).inputs.errors.length_root.value
     deviation, seconds = np.sqrt(np.square(root).sum(1) - ROUNDED**2), np.full(FRAMES, 1 / RATE)
     of = dict(zip(body.lengths, deviation / mean_deviation(seconds), strict=True))
     for name, known in (("spine", np.sqrt(2)), ("thigh", 1.0), ("shank", 1.0), ("hip_width", np.sqrt(0.5))):
@@ -255,7 +255,7 @@ def test_intervals_contain_errors_of_the_cameras_poses() -> None:
         turn, shift = PRIOR_ANGLE * rng.standard_normal((3, 3)), PRIOR_POSITION * rng.standard_normal((3, 3))
         true = moved_cameras(calibrated, jnp.asarray(turn, float), jnp.asarray(shift, float))
         places, points = detected(rng, subject, true, noise)
-        refined = refine_cameras(calibrated, points, np.ones(points.shape[:3]), noise, RATE)
+        refined = bundle_adjust(calibrated, points, np.ones(points.shape[:3]), noise, RATE)
         for known in (True, False):
             told = {"camera covariance": refined.covariance.tolist()} if known else {}
             data = PointData(points, np.full(points.shape[1:3], noise), told)

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.particles.families import effective_of_families
+from poseppl.particles.families import clustered_ess
 
 NUM, RUNS, DIMENSIONS = 500, 400, 4
-EFFECTIVE = jax.jit(effective_of_families)
+EFFECTIVE = jax.jit(clustered_ess)
 
 
 @pytest.mark.parametrize("families", [10, 100, NUM])

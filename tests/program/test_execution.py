@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 
 from poseppl.particles.keys import particle_keys
-from poseppl.program.execution import Randomness, Seed, draw, trace_program
+from poseppl.program.execution import RngBudget, Seed, draw, trace_program
 
 pytestmark = pytest.mark.full
 
@@ -26,13 +26,13 @@ def program() -> None:
 def test_randomness_is_counted():
     seed = Seed(jax.random.key(0), None)
     trace_program(program, (), seed=seed)
-    assert seed.counted == Randomness(num_keys=2, num_normals=1 + 2 + 6)
+    assert seed.counted == RngBudget(num_keys=2, num_normals=1 + 2 + 6)
 
 
 @pytest.mark.parametrize("split", [jax.random.split, particle_keys])
 def test_normal_sites_draw_independent_numbers_of_their_own_law(split):
     number = 20_000
-    drawn = jax.vmap(lambda key: draw(program, (), key, Randomness(2, 9)))(split(jax.random.key(1), number))
+    drawn = jax.vmap(lambda key: draw(program, (), key, RngBudget(2, 9)))(split(jax.random.key(1), number))
     level = (drawn["level"] - 2.0) / 3.0
     pair = (drawn["pair"] - drawn["level"][:, None]) / jnp.array([0.1, 0.2])
     others = 2.0 * drawn["rate"] - 1.0, 2.0 * drawn["side"] - 1.0
@@ -44,5 +44,5 @@ def test_normal_sites_draw_independent_numbers_of_their_own_law(split):
 
 def test_a_program_of_one_normal_site_draws_with_its_key_unsplit():
     key = jax.random.key(3)
-    drawn = draw(lambda: numpyro.sample("only", dist.Normal(2.0, 3.0).expand([5])), (), key, Randomness(0, 5))
+    drawn = draw(lambda: numpyro.sample("only", dist.Normal(2.0, 3.0).expand([5])), (), key, RngBudget(0, 5))
     np.testing.assert_array_equal(drawn["only"], 2.0 + 3.0 * jax.random.normal(key, (5,)))

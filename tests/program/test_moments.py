@@ -77,7 +77,7 @@ def test_moments_know_no_mask_of_the_program(masks):
     compiled = model(observation=program).compile()
     with pytest.raises(ValueError, match="masks the site 'y' itself.*NaN for the data that it hides"):
         compiled.observation_moments(X)
-    assert "masks site 'y' itself" in str(compiled.prediction_obstacle())
+    assert "masks site 'y' itself" in str(compiled.why_not_predictive())
 
 
 class Known(dist.Normal):

@@ -232,8 +232,8 @@ def test_heuristic_likelihoods_predict_nothing() -> None:
 
     programs = linear_gaussian(2)
     model = StateSpaceModel(programs.initial, programs.transition, observation).compile()
-    assert "'hint' is a factor" in str(model.prediction_obstacle())
-    assert LINEAR.prediction_obstacle() is None
+    assert "'hint' is a factor" in str(model.why_not_predictive())
+    assert LINEAR.why_not_predictive() is None
     with pytest.raises(ValueError, match="predicts no data: 'hint' is a factor"):
         check(particle_filter(model, 10), model, {"y": np.zeros((2, 2))})
 

@@ -17,7 +17,7 @@ from poseppl.program import StateSpaceModel
 from poseppl.smoothers.base import History
 from poseppl.smoothers.curvature import climb, trajectory_precisions
 from poseppl.smoothers.effective import effective_draws_by_frame
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
 
 
@@ -138,7 +138,7 @@ def test_starts_stay_in_the_branch_that_they_begin_in():
     sign = rng.choice([-1.0, 1.0], (5, 600))
     particles = jnp.asarray(1e3 * sign[:, :, None] * 0.9 ** np.arange(5)[:, None, None] * np.array([1.0, 0.5]))
     inputs = jnp.zeros((5, 1))
-    drawn = jax.jit(lambda key: draw_trajectories(model, key, history_of(particles), inputs, 40))(jax.random.key(0))
+    drawn = jax.jit(lambda key: initial_trajectories(model, key, history_of(particles), inputs, 40))(jax.random.key(0))
     signs = np.sign(np.asarray(drawn)[:, :, 0])
     assert drawn.shape == (40, 5, 2)
     assert (signs == signs[:, :1]).all()

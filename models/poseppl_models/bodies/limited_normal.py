@@ -26,7 +26,7 @@ from jax.scipy.special import erf
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import IdentityTransform
 
-_LEAST = 1e-6
+_MIN = 1e-6
 """Variance (in units of that before it was cut off) that rounding leaves."""
 _FAR = 12.0
 """Standard deviations beyond which a limit is none."""
@@ -95,7 +95,7 @@ class LimitedNormal(dist.Distribution):  # type: ignore[misc]
     def variance(self) -> Array:
         """Variance within the limits."""
         first, second = self._moments()
-        return self.scale**2 * jnp.maximum(second - first**2, _LEAST)
+        return self.scale**2 * jnp.maximum(second - first**2, _MIN)
 
     def _moments(self) -> tuple[Array, Array]:
         """First and second moment about the mean before it was cut off, in standard deviations then."""

@@ -25,7 +25,7 @@ from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 
-_LEAST = 4
+_MIN = 4
 _ROUNDING = 1e-6
 
 
@@ -121,7 +121,7 @@ def _steps(number: int) -> Array:
 
 
 def _count(length: Array, step: float) -> Array:
-    return jnp.maximum(jnp.floor(length / step + 0.5), _LEAST)
+    return jnp.maximum(jnp.floor(length / step + 0.5), _MIN)
 
 
 def _length(vector: Array) -> Array:

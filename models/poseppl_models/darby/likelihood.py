@@ -42,7 +42,7 @@ from poseppl_models.images.two_way_evidence import TwoWayEvidence
 SIDE_SAMPLES = 8
 GRID = (8, 4)
 """Rows and columns of samples inside a part."""
-_LEAST_WEIGHT = 1e-6
+_MIN_WEIGHT = 1e-6
 
 
 def darby_score(*, smooth: bool = False) -> CameraScore:
@@ -90,7 +90,7 @@ def size_weight(image: Array, body: Array, gamma: Array) -> Array:
     """W of Eq. 9 for two ratios of foreground to background; 1 where both are 0."""
     largest = jnp.maximum(image, body)
     disparity = jnp.abs(image - body) / jnp.where(largest > 0, largest, 1.0)
-    return jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
+    return jnp.maximum((1 - disparity) ** gamma, _MIN_WEIGHT)
 
 
 def _inside(corners: Array, evidence: TwoWayEvidence, smooth: bool) -> Array:

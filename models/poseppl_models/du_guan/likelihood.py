@@ -28,7 +28,7 @@ from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import index_at, inside_points
 from poseppl_models.images.silhouette_bits import count_ones
 
-_LEAST_OVERLAP = 1e-6
+_MIN_OVERLAP = 1e-6
 
 
 def du_guan_score(stride: int) -> CameraScore:
@@ -46,7 +46,7 @@ def du_guan_score(stride: int) -> CameraScore:
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body)
         exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
-        return jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) / seen.params["overlap_scale"] - exponent
+        return jnp.log(jnp.maximum(overlap, _MIN_OVERLAP)) / seen.params["overlap_scale"] - exponent
 
     return score
 

@@ -43,7 +43,7 @@ VARIANCES = {"tx": 300.0, "ty": 300.0, "tz": 100.0, "Z": 6.0, "X": 8.0, "Y": 4.0
 """Peursum's, mm^2 and square degrees: azimuth, elevation and roll are taken for turns about z, x and y."""
 HEADING = 20.0
 PUBLISHED_RATE = 25.0
-_LEAST_ANGLE, _LEAST_PLACE = 0.01, 2.0
+_MIN_ANGLE, _MIN_PLACE = 0.01, 2.0
 _LIMBS = (("clavicle", "shoulder", "elbow"), ("hip", "knee"))
 
 
@@ -128,7 +128,7 @@ def published_scale(body: ConeBody, rate: float) -> Floats:
 
 def half_of_largest(body: ConeBody, fitted: Floats) -> Floats:
     """Half the largest change (d,) of each coordinate between frames of poses (T, d), and not less than a little."""
-    least = np.where([len(axis) == 2 for _, axis in body.tree.coordinates], _LEAST_PLACE, _LEAST_ANGLE)
+    least = np.where([len(axis) == 2 for _, axis in body.tree.coordinates], _MIN_PLACE, _MIN_ANGLE)
     return np.asarray(np.maximum(np.abs(np.diff(fitted, axis=0)).max(0) / 2, least))
 
 

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-_LEAST_LENGTH = 1e-6
+_MIN_LENGTH = 1e-6
 
 
 class Found(NamedTuple):
@@ -45,7 +45,7 @@ def side_points(corners: Array, count: int) -> tuple[Array, Array]:
 def side_lengths(corners: Array) -> Array:
     """Lengths (C, P, 2, N) of both sides, px."""
     sides = corners[:, :, 1::2] - corners[:, :, 0::2]
-    return jnp.sqrt(jnp.sum(sides**2, 3) + _LEAST_LENGTH**2)
+    return jnp.sqrt(jnp.sum(sides**2, 3) + _MIN_LENGTH**2)
 
 
 def inside_points(corners: Array, rows: int, columns: int) -> tuple[Array, Array]:

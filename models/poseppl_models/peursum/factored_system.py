@@ -29,7 +29,7 @@ from poseppl_models.peursum.likelihood import peursum_score
 
 FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 """Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""
-_LEAST_SHARE = 0.01
+_MIN_SHARE = 0.01
 TOLD_TURN = 0.3
 """Of a heading that is told, radians."""
 
@@ -97,7 +97,7 @@ def check_limits(body: ConeBody, motion: FactoredTables, model: str) -> None:
     angles = np.asarray(bin_angles(np.arange(entries.shape[-1]), entries.shape[-1]))
     low, high = body.limits[rotations, :, None].swapaxes(0, 1)
     shares = np.sum(entries * ((angles >= low) & (angles <= high)), -1)
-    beyond = [body.tree.coordinate_names[rotations[number]] for number in np.flatnonzero(shares.max(0) < _LEAST_SHARE)]
+    beyond = [body.tree.coordinate_names[rotations[number]] for number in np.flatnonzero(shares.max(0) < _MIN_SHARE)]
     if beyond:
         problem = f"{', '.join(beyond)} of the learned walk {'is' if len(beyond) == 1 else 'are'} beyond the body's limits"
         raise InputError(problem, file=model, expected="tables learned from another walk")

@@ -30,7 +30,7 @@ from jax import Array
 
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics
 
-_LEAST = 1e-6
+_MIN = 1e-6
 _NEAREST = 0.05
 """Points beyond the centre of a part's arc are taken to lie at so much of its radius before it."""
 _STEEP = 8.0
@@ -62,7 +62,7 @@ def penetration(flesh: Superquadrics, points: Array, *, softness: Array | float,
         decay: p.
     """
     f = surface_distances(flesh, points) / softness
-    exponent = -f * jnp.maximum(jnp.abs(f), _LEAST) ** (decay - 1)
+    exponent = -f * jnp.maximum(jnp.abs(f), _MIN) ** (decay - 1)
     return jnp.mean(jnp.exp(jnp.minimum(exponent, _STEEP)) * (1 + jnp.maximum(exponent - _STEEP, 0.0)), 1)
 
 
@@ -92,6 +92,6 @@ def _atan_ratio(q: Array) -> Array:
 
 def _norm(u: Array, v: Array, power: Array) -> Array:
     """(u^p + v^p)^(1/p) of numbers that are not negative, without overflow."""
-    most = jnp.maximum(jnp.maximum(u, v), _LEAST)
-    shares = sum(jnp.exp(power * jnp.log(jnp.maximum(each / most, _LEAST))) for each in (u, v))
+    most = jnp.maximum(jnp.maximum(u, v), _MIN)
+    shares = sum(jnp.exp(power * jnp.log(jnp.maximum(each / most, _MIN))) for each in (u, v))
     return most * jnp.exp(jnp.log(shares) / power)

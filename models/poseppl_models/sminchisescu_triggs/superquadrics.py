@@ -44,8 +44,8 @@ from poseppl.motion.geometry.tree import KinematicTree
 Triple = tuple[float, float, float]
 Vector = tuple[Array, Array, Array]
 
-_LEAST_EXPONENT = 0.1
-_LEAST = 1e-6
+_MIN_EXPONENT = 0.1
+_MIN = 1e-6
 """Sines and cosines nearer to 0 than this count as this, so that powers have gradients."""
 
 
@@ -236,17 +236,17 @@ def _superellipse(angle: Array, exponent: Array) -> tuple[Array, Array]:
     """Its point (C, S) at an angle; see the module's head."""
     root = jnp.sqrt(exponent)
     c, s = jnp.cos(angle), jnp.sin(angle)
-    size_c, size_s = (jnp.maximum(jnp.abs(each), _LEAST) for each in (c, s))
+    size_c, size_s = (jnp.maximum(jnp.abs(each), _MIN) for each in (c, s))
     norm = (size_c ** (2 / root) + size_s ** (2 / root)) ** (exponent / 2)
     one, other = (
-        jnp.where(jnp.abs(each) > _LEAST, jnp.sign(each) * size**root / norm, 0.0) for each, size in ((c, size_c), (s, size_s))
+        jnp.where(jnp.abs(each) > _MIN, jnp.sign(each) * size**root / norm, 0.0) for each, size in ((c, size_c), (s, size_s))
     )
     return one, other
 
 
 def _slope(coordinate: Array, exponent: Array) -> Array:
     """Its part in the gradient of |C|^(2/e) + |S|^(2/e), up to a factor: sign(C) |C|^(2/e - 1)."""
-    return jnp.sign(coordinate) * jnp.maximum(jnp.abs(coordinate), _LEAST) ** (2 / exponent - 1)
+    return jnp.sign(coordinate) * jnp.maximum(jnp.abs(coordinate), _MIN) ** (2 / exponent - 1)
 
 
 def _tapered(flesh: Superquadrics, place: Vector, normal: Vector) -> tuple[Vector, Vector]:
@@ -285,8 +285,8 @@ def _check(part: Superquadric) -> None:
     name = f"part {part.name!r}"
     if not (min(part.half_axes) > 0 and np.all(np.isfinite(part.half_axes))):
         raise ValueError(f"{name} has half-axes {part.half_axes}; expected three sizes in mm")
-    if not (min(part.exponents) >= _LEAST_EXPONENT and max(part.exponents) <= 2):
-        raise ValueError(f"{name} has exponents {part.exponents}; expected {_LEAST_EXPONENT} to 2")
+    if not (min(part.exponents) >= _MIN_EXPONENT and max(part.exponents) <= 2):
+        raise ValueError(f"{name} has exponents {part.exponents}; expected {_MIN_EXPONENT} to 2")
     if not max(map(abs, part.taper)) < 1:
         raise ValueError(f"{name} has a taper of {part.taper}; expected more than -1, less than 1")
     widest = [half * (1 + abs(taper)) for half, taper in zip(part.half_axes, part.taper, strict=False)]

@@ -19,7 +19,7 @@ from poseppl_papers.runs import joined
 from poseppl_papers.tables import grouped
 
 _RESAMPLES = 400
-_LEAST = 1e-12
+_MIN = 1e-12
 
 
 class FrameErrors(NamedTuple):
@@ -66,7 +66,7 @@ def _errors(jobs: Sequence[FrameRuns], results: Results) -> FrameErrors:
 
 def geometric_variance(squared: Floats) -> Floats:
     """Geometric mean over coordinates of the variance, (setting,), from (run, setting, d)."""
-    return np.asarray(np.exp(np.log(np.maximum(squared.mean(0), _LEAST)).mean(-1)))
+    return np.asarray(np.exp(np.log(np.maximum(squared.mean(0), _MIN)).mean(-1)))
 
 
 def log_standard_error(squared: Floats) -> Floats:

@@ -28,7 +28,7 @@ ROOT = (20.0, 20.0, 10.0, float(np.radians(5.0)))
 """Standard deviations of components: radians; mm, mm, mm, radians."""
 FLOOR = 1e-6
 _ROUNDS = 20
-_LEAST_VARIANCE = 1e-6
+_MIN_VARIANCE = 1e-6
 
 
 class Mixtures(NamedTuple):
@@ -123,7 +123,7 @@ def fit_mixtures(rng_key: Array, rotations: Array, roots: Array, log_weights: Ar
         direction = jnp.arctan2(weights @ jnp.sin(root[:, 3]), weights @ jnp.cos(root[:, 3]))
         root = root.at[:, 3].set(direction + wrapped(root[:, 3] - direction))
         mean = weights @ root
-        variance = jnp.maximum(weights @ jnp.square(root - mean), _LEAST_VARIANCE)
+        variance = jnp.maximum(weights @ jnp.square(root - mean), _MIN_VARIANCE)
         middle = jnp.arctan2(weights @ jnp.sin(rotation), weights @ jnp.cos(rotation))
         points = jnp.concatenate([wrapped(rotation - middle), root - mean], axis=1)
         seeds, alive = choose_seeds(key, log_weight, max_components)

@@ -47,7 +47,7 @@ STAGES = ("filter", "FBS", "mixture", "variational", "Gibbs")
 """What time is spent on (Table 4); the last two stand on the mixture."""
 Judge = Callable[[Any, Any, Floats, Floats], Any]
 """From the tree, a frame's poses (N, d), weights (N,) and truth (15, 3) to its error."""
-MOST_PAIRED = 10_000
+MAX_PAIRED = 10_000
 """Particles of FBS at most, whose time and memory grow with their square."""
 
 
@@ -180,7 +180,7 @@ def smooth_track(
     key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
     weights = np.exp(np.asarray(track.log_weights, np.float64))
     errors, seconds = [judged(track.poses, weights)], [float(np.nanmedian(track.seconds))]
-    if weights.shape[1] <= MOST_PAIRED:
+    if weights.shape[1] <= MAX_PAIRED:
         smoothed, spent = finished(lambda: forward_backward(problem, track, motion))
         errors.append(judged(track.poses, np.exp(np.asarray(smoothed, np.float64))))
     else:

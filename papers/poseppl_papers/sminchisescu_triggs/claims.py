@@ -13,7 +13,7 @@ from poseppl_papers.sminchisescu_triggs.survival import kept_seconds, percent_lo
 from poseppl_papers.sminchisescu_triggs.trackers import OURS, OURS_LIMITED, PUBLISHED
 from poseppl_papers.tables import Table
 
-LEAST_RUNS = 10
+MIN_RUNS = 10
 """Runs below which there is no verdict."""
 _FACTOR = 3.0
 """Ratios within this factor of each other count as alike."""
@@ -74,7 +74,7 @@ def _first_rate(table: Table, **where: Any) -> dict[str, Any]:
 
 
 def _judged(runs: int, decided: str) -> str:
-    return decided if runs >= LEAST_RUNS else f"no verdict from {runs} runs"
+    return decided if runs >= MIN_RUNS else f"no verdict from {runs} runs"
 
 
 def _lost(table: Table, tracker: str, **where: Any) -> tuple[Interval, str, int]:

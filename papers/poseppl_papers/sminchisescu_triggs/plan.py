@@ -60,7 +60,7 @@ _RIVALS: Mapping[str, tuple[str, ...]] = {
 """Who is compared on a scene: those that the paper compares there, what it leaves out of its own tracker, and ours."""
 _OPEN: Mapping[str, tuple[str, ...]] = {"complex": ("Gaussian, single mode", PUBLISHED)}
 """Of which there are more runs."""
-_MOST_SEEN = ("robust, single mode", PUBLISHED)
+_MAX_SEEN = ("robust, single mode", PUBLISHED)
 """Trackers at all rates, the others being at the first alone, and on pictures."""
 
 
@@ -88,7 +88,7 @@ def _tracks(scale: Scale, part: str, kind: str, motions: Motions, seconds: float
     """Jobs; runs are dealt out to the motions."""
     jobs = []
     for tracker in [each for each in _RIVALS[part] if each in scale.trackers]:
-        for rate in scale.rates if tracker in _MOST_SEEN else scale.rates[:1]:
+        for rate in scale.rates if tracker in _MAX_SEEN else scale.rates[:1]:
             more = tracker in _OPEN.get(part, ()) and rate == scale.rates[0]
             for runs in (range(scale.runs), range(scale.runs, scale.more_runs if more else 0)):
                 for number, (scene, recording) in enumerate(motions):
@@ -102,6 +102,6 @@ def plan_pictures(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
     jobs = [
         Pictures(scale.rates[0], scale.picture_seconds, cluttered, tracker, tuple(range(scale.picture_runs)))
         for cluttered in (False, True)
-        for tracker in _MOST_SEEN
+        for tracker in _MAX_SEEN
     ]
     return {"pictures": Task(track_pictures, jobs)}

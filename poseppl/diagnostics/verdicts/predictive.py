@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from poseppl.diagnostics.few_points import few_points_inflation
+from poseppl.diagnostics.few_points import finite_sample_inflation
 from poseppl.diagnostics.predictive import PredictiveFigures, farthest_stretch, implied_coverage, predictive_figures
 from poseppl.diagnostics.smoothing import fits_model
-from poseppl.diagnostics.unreached import unreached_figures
+from poseppl.diagnostics.unreached import weakly_observed_stats
 from poseppl.diagnostics.verdicts.coverage import Calibration, calibration
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.verdict import (
@@ -183,7 +183,7 @@ def few_points(tree: xr.DataTree) -> Findings:
         yield not_run(UNCHECKED if points is not None and "smoother" not in known else "")
         return
     draws = np.concatenate(flat_draws(tree).values)  # of all chains
-    found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
+    found = finite_sample_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
     shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
     if shares and np.mean(shares) < implied_coverage(INFLATION_HIGH):
         yield Verdict(
@@ -219,7 +219,7 @@ def check_unreached(
     Returns:
         A finding; none where the posterior is what the prediction allows, or where there are too few frames to tell.
     """
-    figures = unreached_figures(prediction, mean, standard_deviation, ess)
+    figures = weakly_observed_stats(prediction, mean, standard_deviation, ess)
     if figures is None:
         return []
     found, error, reach = figures.inflation

@@ -16,7 +16,7 @@ from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Remedy, Verdic
 from poseppl.runs.predictive import StatePrediction
 from poseppl.runs.results import provenance
 
-LEAST_FRAMES = 10
+MIN_FRAMES = 10
 """Frames that have to tell."""
 COVERAGE_LOW = 0.85
 """Share of a frame's posterior in 90 % intervals, from which they are called too narrow."""
@@ -53,7 +53,7 @@ def check_updates(
         A finding; none where they agree, or where there are too few frames to tell.
     """
     figures = update_figures(prediction, mean, standard_deviation, ess)
-    if figures.frames < LEAST_FRAMES or not np.isfinite(figures.inflation).any():
+    if figures.frames < MIN_FRAMES or not np.isfinite(figures.inflation).any():
         return []
     found = float(np.nanmean(figures.inflation))
     least = figures.over_frames.estimate - 2 * figures.over_frames.standard_error
@@ -83,7 +83,7 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
         A finding; none where they agree, or where there are too few frames to tell.
     """
     frames, (covered, error, reach) = update_coverage(prediction, low, high)
-    if not (frames >= LEAST_FRAMES and covered < COVERAGE_LOW and covered + reach < _NOMINAL):
+    if not (frames >= MIN_FRAMES and covered < COVERAGE_LOW and covered + reach < _NOMINAL):
         return []
     return [
         Verdict(

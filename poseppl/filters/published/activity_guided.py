@@ -39,14 +39,14 @@ from poseppl.filters.base import Filter
 from poseppl.filters.published.annealed import Disperse, Keys, annealing_filter, annealing_of, predict_by_transition
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel
-from poseppl.program.built_once import built_once
 from poseppl.program.hidden_chain import ChainSites, HiddenChain, chain_sites, hidden_chain
+from poseppl.program.memoized_builder import memoized_builder
 
 _BITS = 14
 _ROUNDING = 1e-5
 
 
-@built_once
+@memoized_builder
 def activity_guided_filter(
     model: CompiledModel,
     num_particles: int = 40,

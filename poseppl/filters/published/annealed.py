@@ -36,7 +36,7 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise, without_infinity
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 
 _BISECTIONS = 50
@@ -89,7 +89,7 @@ class Annealing(NamedTuple):
     resampling: Resampling
 
 
-@built_once
+@memoized_builder
 def annealed_filter(
     model: CompiledModel,
     num_particles: int = 1000,

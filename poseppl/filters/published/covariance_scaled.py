@@ -43,7 +43,7 @@ from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_sca
 from poseppl.kernels.mode_search import Found, search_modes
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bounded import Bounded, bounded
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 
 Sampling = Literal["covariance", "hypotheses", "noise"]
 PriorMode = Literal["closest", "mixture"]
@@ -73,7 +73,7 @@ class ModeState(NamedTuple):
     started: Array
 
 
-@built_once
+@memoized_builder
 def covariance_scaled_filter(
     model: CompiledModel,
     num_particles: int = 1000,

@@ -46,7 +46,7 @@ from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise, without_infinity
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate
 
 Target = Literal["likelihood", "posterior"]
@@ -104,7 +104,7 @@ class _Evolved(NamedTuple):
     num_likelihood: Array
 
 
-@built_once
+@memoized_builder
 def demc_filter(
     model: CompiledModel,
     num_particles: int = 1000,

@@ -25,12 +25,12 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info, check_noise, filter_info
-from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, effective_draws, mask_failed
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate, transition_moments
 
 PAPER = HMCSettings()
@@ -45,7 +45,7 @@ class _Prediction(NamedTuple):
     covariance: Array
 
 
-@built_once
+@memoized_builder
 def hmc_filter(
     model: CompiledModel,
     num_chains: int = 10,
@@ -84,7 +84,7 @@ def hmc_filter(
         key_resample, key_chains = jax.random.split(rng_key)
         weights = log_likelihoods(model, proposals, observation, inputs)
         failed = ~jnp.any(jnp.isfinite(weights))
-        seen = drop_impossible(model, observation, failed)
+        seen = mask_failed(model, observation, failed)
         weights = jnp.where(failed | jnp.isnan(weights), jnp.where(failed, 0.0, -jnp.inf), weights)
         ancestors = scheme(key_resample, weights, num_chains)
         transform = _whitening(model, predicted, seen, inputs, dense_mass, curvature)

@@ -26,9 +26,9 @@ from poseppl.errors import InputError
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.motion import Motion
 
-LEAST_RADIUS = 300.0
+MIN_RADIUS = 300.0
 """Of a circle, mm."""
-LEAST_WAY = 500.0
+MIN_WAY = 500.0
 """That a walk covers in its direction, mm."""
 SMOOTHED = 1.0
 """Seconds over which progress is smoothed, about a cycle of a walk."""
@@ -86,15 +86,15 @@ def bend_along_circle(pelvis: Floats, rate: float, radius: float) -> Bend:
     Raises:
         InputError: The radius is too small, or the walk goes nowhere.
     """
-    if not abs(radius) >= LEAST_RADIUS:
-        expected = f"at least {LEAST_RADIUS:g} mm, or -{LEAST_RADIUS:g} and below to turn right"
+    if not abs(radius) >= MIN_RADIUS:
+        expected = f"at least {MIN_RADIUS:g} mm, or -{MIN_RADIUS:g} and below to turn right"
         raise InputError(f"a radius of {radius:g} mm", field="--turn", expected=expected)
     path = _complete(np.asarray(pelvis, np.float64)[:, :2])
     centre, ahead = path.mean(0), _direction(path)
     along = _smoothed((path - centre) @ ahead, rate)
     way = along - along[0]
-    if not way[-1] >= LEAST_WAY:
-        expected = f"a walk of at least {LEAST_WAY:g} mm in one direction"
+    if not way[-1] >= MIN_WAY:
+        expected = f"a walk of at least {MIN_WAY:g} mm in one direction"
         raise InputError(f"the motion goes {max(way[-1], 0.0):.0f} mm ahead", field="--turn", expected=expected)
     angles, left = way / radius, np.array([-ahead[1], ahead[0]])
     before = centre + along[:, None] * ahead

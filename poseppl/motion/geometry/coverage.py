@@ -36,9 +36,9 @@ from poseppl.motion.geometry.outlines import limb_corners
 _TINY = 1e-12
 _THICKNESS = 0.25
 """Half the thickness (px) of a ring that is seen from its side: with none, its distances would have no gradient."""
-_LEAST_DEPTH = 0.01
+_MIN_DEPTH = 0.01
 """Least squared depth that a ring near the camera's plane is given, in units of its centre's; at 0 it is a parabola."""
-_LEAST_AREA = 1.0
+_MIN_AREA = 1.0
 """Twice the area (px^2) below which a quadrilateral is left to the ellipses: its sides have no direction."""
 _FAR = 1e6
 
@@ -69,7 +69,7 @@ def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
     sign = jnp.where(area >= 0, 1.0, -1.0)[:, :, None]
     length = jnp.sqrt(sides[:, :, :, 0] ** 2 + sides[:, :, :, 1] ** 2 + _TINY)
     normals = jnp.stack([sides[:, :, :, 1] * sign / length, -sides[:, :, :, 0] * sign / length], 3)
-    offsets = jnp.where(jnp.abs(area)[:, :, None] < _LEAST_AREA, -_FAR, jnp.sum(normals * corners, 3))
+    offsets = jnp.where(jnp.abs(area)[:, :, None] < _MIN_AREA, -_FAR, jnp.sum(normals * corners, 3))
     centres, inverses = _ellipses(cameras, flesh, parts)
     return Shapes(normals, offsets, centres, inverses)
 
@@ -141,7 +141,7 @@ def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[Array, ...
         x, y, z = _turned(spread, [arm[:, :, :, j] for j in range(3)])
         across.append((x - u * z, y - v * z))
         deep.append(z)
-    zz = jnp.maximum(depth**2 - sum(z * z for z in deep), _LEAST_DEPTH * depth**2)
+    zz = jnp.maximum(depth**2 - sum(z * z for z in deep), _MIN_DEPTH * depth**2)
     du, dv = (-sum(pair[i] * z for pair, z in zip(across, deep, strict=True)) / zz for i in range(2))
     uu, uv, vv = (sum(pair[i] * pair[j] for pair in across) / zz for i, j in ((0, 0), (0, 1), (1, 1)))
     return u + du, v + dv, uu + du * du, uv + du * dv, vv + dv * dv

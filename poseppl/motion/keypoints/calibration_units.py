@@ -28,7 +28,7 @@ _SEGMENTS = {("hip", "knee"): 430.0, ("knee", "ankle"): 420.0, ("shoulder", "elb
 _UNITS = ("mm", "cm", "m")
 LARGEST_FACTOR = 2.0
 """People are at most so many times as large, or as small, as a body of 1.75 m."""
-_MOST_FRAMES, _LEAST_SEGMENTS = 60, 20
+_MAX_FRAMES, _MIN_SEGMENTS = 60, 20
 _CONFIDENT = 0.3
 
 
@@ -62,7 +62,7 @@ def infer_unit(
     """
     cameras = cameras_of_records(records)
     ratios = np.array([ratio for pair in meeting_rays(cameras, people) for ratio in segment_ratios(pair.places, markers)])
-    if len(ratios) < _LEAST_SEGMENTS:
+    if len(ratios) < _MIN_SEGMENTS:
         raise InputError(
             "the calibration does not tell its unit of length, and too little of a person is seen by two cameras to tell it",
             field="--unit",
@@ -102,7 +102,7 @@ def meeting_rays(cameras: Cameras, people: Sequence[DetectedPeople]) -> list[Mee
         people: What each saw, in common frames.
     """
     centres = np.asarray(cameras.centre, np.float64)
-    rows = np.unique(np.linspace(0, len(people[0].points) - 1, min(_MOST_FRAMES, len(people[0].points))).astype(int))
+    rows = np.unique(np.linspace(0, len(people[0].points) - 1, min(_MAX_FRAMES, len(people[0].points))).astype(int))
     rays = []
     for c, found in enumerate(people):
         sure = (found.confidence[rows] >= _CONFIDENT)[..., None]

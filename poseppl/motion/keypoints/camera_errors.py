@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, project
 
-LEAST_RESIDUALS = 30
+MIN_RESIDUALS = 30
 """Points of a camera, at least, that tell its errors."""
 
 
@@ -44,7 +44,7 @@ def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErr
     scale, bias = np.full(points.shape[1], np.nan), np.zeros((points.shape[1], 2))
     for c in range(points.shape[1]):
         seen = np.isfinite(squared[:, c])
-        if seen.sum() >= LEAST_RESIDUALS:
+        if seen.sum() >= MIN_RESIDUALS:
             scale[c] = np.sqrt(np.median(squared[:, c][seen]))
             bias[c] = np.median(residual[:, c][seen], 0)
     return CameraErrors(scale, bias)

@@ -26,7 +26,7 @@ PRIOR_ANGLE, PRIOR_POSITION = np.deg2rad(1.0), 30.0
 """Standard deviations of a camera's turn about each axis (radians) and of its centre along each (mm)."""
 PRIOR_WEIGHT = 4.0
 """How many errors of the prior's size count beside those that were found, for the width of the posterior's prior; ours."""
-MOST_FRAMES = 50
+MAX_FRAMES = 50
 """Frames at most, evenly spaced, that the poses are sought in."""
 ERRORS_LAST = 1.0
 """Seconds after which the errors of a point are others."""
@@ -55,7 +55,7 @@ class RefinedCameras(NamedTuple):
     covariance: Floats
 
 
-def refine_cameras(cameras: Cameras, points: Floats, confidence: Floats, noise: float, rate: float) -> RefinedCameras:
+def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: float, rate: float) -> RefinedCameras:
     """Find small errors of calibrated cameras.
 
     Args:
@@ -65,7 +65,7 @@ def refine_cameras(cameras: Cameras, points: Floats, confidence: Floats, noise: 
         noise: Standard deviation of a coordinate without the errors, px.
         rate: Frames a second.
     """
-    rows = np.unique(np.linspace(0, len(points) - 1, min(MOST_FRAMES, len(points))).astype(int))
+    rows = np.unique(np.linspace(0, len(points) - 1, min(MAX_FRAMES, len(points))).astype(int))
     independent = min(1.0, max(1.0, len(points) / rate / ERRORS_LAST) / len(rows))
     points, weights = points[rows], np.where(np.isfinite(points[rows]).all(-1), confidence[rows], 0.0)
     weights = np.where((weights > 0).sum(1, keepdims=True) >= 2, weights, 0.0)

@@ -27,23 +27,23 @@ from poseppl.arrays import Floats, Integers
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import viewing_rays
 from poseppl.motion.io import DetectedPeople
-from poseppl.motion.keypoints.leaps import without_leaps
+from poseppl.motion.keypoints.leaps import despike
 
 LARGEST_SHIFT = 60
 """Frames; larger offsets have to be given."""
-_MOST_FRAMES = 400
-_LEAST_FRAMES, _LEAST_POINTS = 20, 4
-_CONFIDENT, _LEAST = 0.3, 0.1
+_MAX_FRAMES = 400
+_MIN_FRAMES, _MIN_POINTS = 20, 4
+_CONFIDENT, _MIN = 0.3, 0.1
 """Points of less confidence do not tell an offset, in whole frames and between them, where they count by their confidence."""
 _FREEDOM = 4.0
 _STEP = 0.5
 """Frames, of the differences that derivatives are made of."""
 _ROUNDS = 10
-_LEAST_LEAP = 50.0
+_MIN_LEAP = 50.0
 """How far a point is that leaps, px: averaged over five frames it would move all of them."""
 _AROUND = 2
 """Frames to either side that a mean is over, beside those that the place lies between."""
-_LEAST_CURVATURE = 0.2
+_MIN_CURVATURE = 0.2
 """In units of sum(w g'^2): where noise alone makes the slopes, nothing is known."""
 _PARTS, _LARGEST_SHARE = 8, 0.9
 """Parts of the time whose errors are taken for one; share of the curvature that one group has at most."""
@@ -117,7 +117,7 @@ class PairShift(NamedTuple):
         return float((SYSTEMATIC * rate * max(1.0, SECONDS * rate / self.together)) ** 2)
 
 
-def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> Offsets | None:
+def synchronize(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> Offsets | None:
     """Offsets of less than a few frames, with their standard deviations.
 
     Args:
@@ -129,7 +129,7 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    count, seen = points.shape[1], without_leaps(_confident(points, confidence, _LEAST), _LEAST_LEAP)
+    count, seen = points.shape[1], despike(_confident(points, confidence, _MIN), _MIN_LEAP)
     rays = np.stack([viewing_rays(cameras, c, seen[:, c]) for c in range(count)], 1)
     trust, centres = np.clip(confidence, 0.0, 1.0), np.asarray(cameras.centre, np.float64)
     found = [shift for pair in combinations(range(count), 2) if (shift := _pair_shift(centres, rays, *pair, trust)) is not None]
@@ -147,12 +147,12 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
 
 def _pair_shift(centres: Floats, rays: Floats, a: int, b: int, trust: Floats) -> PairShift | None:
     """By how much camera b is later than a, from rays (T, C, K, 3) that count by their trust (T, C, K); None where not told."""
-    rows = np.unique(np.linspace(0, len(rays) - 1, min(len(rays), _MOST_FRAMES)).astype(int))
+    rows = np.unique(np.linspace(0, len(rays) - 1, min(len(rays), _MAX_FRAMES)).astype(int))
     sure, shift = (trust[:, a] * trust[:, b])[rows], 0.0
     for _ in range(_ROUNDS):
         gap, ahead, behind = (_gaps(centres, rays, rows, a, b, shift + step) for step in (0.0, _STEP, -_STEP))
         known = np.isfinite(gap) & np.isfinite(ahead) & np.isfinite(behind)
-        if known.sum() < _LEAST_FRAMES * _LEAST_POINTS:
+        if known.sum() < _MIN_FRAMES * _MIN_POINTS:
             return None
         gap, ahead, behind = (np.where(known, each, 0.0) for each in (gap, ahead, behind))
         slope, bend = (ahead - behind) / (2 * _STEP), (ahead - 2 * gap + behind) / _STEP**2
@@ -161,7 +161,7 @@ def _pair_shift(centres: Floats, rays: Floats, a: int, b: int, trust: Floats) ->
         squares, scores = weight * slope**2, weight * slope * gap
         if squares.sum() <= 0:
             return None
-        curvature = max(float((squares + weight * gap * bend).sum()), _LEAST_CURVATURE * float(squares.sum()))
+        curvature = max(float((squares + weight * gap * bend).sum()), _MIN_CURVATURE * float(squares.sum()))
         step = -float(scores.sum()) / curvature
         shift += float(np.clip(step, -2.0, 2.0))
         if abs(step) < 1e-2:
@@ -198,13 +198,13 @@ def _shift_costs(cameras: Cameras, a: int, first: Floats, b: int, second: Floats
     total, costs = len(first), {}
     for shift in range(-LARGEST_SHIFT, LARGEST_SHIFT + 1):
         rows = np.arange(max(0, -shift), min(total, total - shift))
-        if len(rows) < max(_LEAST_FRAMES, total // 4):
+        if len(rows) < max(_MIN_FRAMES, total // 4):
             continue
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_FRAMES // 2)).astype(int))]
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_FRAMES // 2)).astype(int))]
         apart = np.abs(_distance(centres[a], first[rows][:, :, None], centres[b], second[rows + shift][:, None]))
-        common = np.isfinite(apart).sum(-1) >= _LEAST_POINTS
+        common = np.isfinite(apart).sum(-1) >= _MIN_POINTS
         near = np.where(common, _median(apart), np.inf).reshape(len(rows), -1).min(1)
-        if np.isfinite(near).sum() >= _LEAST_FRAMES:
+        if np.isfinite(near).sum() >= _MIN_FRAMES:
             costs[shift] = float(np.median(near[np.isfinite(near)]))
     return costs
 
@@ -233,4 +233,4 @@ def _gaps(centres: Floats, rays: Floats, rows: Integers, a: int, b: int, shift: 
         middle = (weights * values).sum(0) / np.maximum(weights.sum(0), 1e-9)
         scale = np.sqrt((weights * (values - middle) ** 2).sum(0) / np.maximum(weights.sum(0), 1e-9)) + 1e-6
         weights = known / (1 + ((values - middle) / scale) ** 2 / _FREEDOM)
-    return np.where(known & (known.sum(0) >= _LEAST_FRAMES), gaps - middle, np.nan)
+    return np.where(known & (known.sum(0) >= _MIN_FRAMES), gaps - middle, np.nan)

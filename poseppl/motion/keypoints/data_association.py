@@ -42,7 +42,7 @@ NOBODY = 0.05
 """Share of the frames in which none of a camera's detections is the person; ours."""
 SURE = 0.9
 """Detections that are the person's with less probability are told of."""
-LEAST_FRAMES = 10
+MIN_FRAMES = 10
 """Frames, at least, of which a motion tells what is wrong."""
 BIAS_SHARE = 0.25
 """Of the errors' scale that does not change; ours."""
@@ -50,7 +50,7 @@ ERRORS_LAST, SPEED_LASTS = 0.5, 0.25
 """Seconds that errors of a point and velocities last; ours."""
 _CLUTTER, _CLUTTER_SLOPE, _SLOPE = -5.0, -0.7, -0.15
 """The prior means of the programs."""
-_LEAST_SPEED, _SPEED_OVER = 20.0, 0.1
+_MIN_SPEED, _SPEED_OVER = 20.0, 0.1
 """Pixels a second, and seconds that a speed is measured over."""
 _FRAMES_TOGETHER = 100
 """Frames are filled up to a multiple of so many, so that recordings of about one length share a compiled program."""
@@ -123,7 +123,7 @@ def associate(
     """
     points, confidence = points_of(people, chosen)
     noise = camera_errors(cameras, points, triangulate(cameras, points, confidence)).scale
-    if len(points) < LEAST_FRAMES or len(people) < 2 or not np.isfinite(noise).any():
+    if len(points) < MIN_FRAMES or len(people) < 2 or not np.isfinite(noise).any():
         return None
     noise = np.where(np.isfinite(noise), noise, np.nanmax(noise))
     named = limb_pairs(people[0].names)
@@ -221,7 +221,7 @@ def _params(problem: PointProblem, recording: PointRecording, noise: Floats, rat
     values = {
         "log_size": log_size.mean(),
         "log_scale": np.zeros(len(speed)),
-        "log_speed": np.log(np.maximum(speed, _LEAST_SPEED)),
+        "log_speed": np.log(np.maximum(speed, _MIN_SPEED)),
         "log_speed_lasts": np.log(SPEED_LASTS),
         "camera": log_size - log_size.mean(),
         "slope": _SLOPE,

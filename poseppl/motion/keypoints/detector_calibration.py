@@ -14,7 +14,7 @@ from poseppl.motion.keypoints.detector_errors import GAUSSIAN, DetectorErrors
 from poseppl.motion.keypoints.detector_fit import fit_detector
 from poseppl.motion.keypoints.held_out_cameras import SeenPoints, draw_places, log_predictions, probabilities, seen_points
 from poseppl.motion.keypoints.scene import KeypointScene
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 
 LEVELS = np.arange(1, 10) / 10
 _NO_CLUTTER = -50.0
@@ -69,7 +69,7 @@ def calibrate_detector(found: KeypointScene, seed: int = 0) -> DetectorCalibrati
     halves = seen.part(slice(half)), seen.part(slice(half, None))
     before, after = [], []
     for own, other in (halves, halves[::-1]):
-        scale = found.errors.scale / GAUSSIAN / np.sqrt(np.clip(expit(own.logit), LEAST_CONFIDENCE, 1.0))
+        scale = found.errors.scale / GAUSSIAN / np.sqrt(np.clip(expit(own.logit), MIN_CONFIDENCE, 1.0))
         before.append(judge(own, scale, np.full(scale.shape, _NO_CLUTTER), seed))
         after.append(judge(own, *errors_at(fit_detector(other, markers, source, seed), own, markers), seed))
     return DetectorCalibration(errors, _mean(before), _mean(after))

@@ -22,7 +22,7 @@ from scipy.stats import norm, t
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras, depth
-from poseppl.motion.points.named_points import LEAST_SURE, MOST_SURE
+from poseppl.motion.points.named_points import MAX_SURE, MIN_SURE
 
 FREEDOM = 4.0
 """Degrees of freedom of the errors; ours."""
@@ -88,7 +88,7 @@ class DetectorErrors(NamedTuple):
 
 def logits(confidence: Floats) -> Floats:
     """Logits of confidences, which are kept away from 0 and 1."""
-    return np.asarray(logit(np.clip(np.nan_to_num(confidence), LEAST_SURE, MOST_SURE)))
+    return np.asarray(logit(np.clip(np.nan_to_num(confidence), MIN_SURE, MAX_SURE)))
 
 
 def magnifications(cameras: Cameras, places: Floats) -> Floats:

@@ -16,11 +16,11 @@ from poseppl.files.bounded_reading import read_json
 from poseppl.motion.io.detections import MAX_POINTS
 from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
-from poseppl.motion.points.named_points import LEAST_SURE, MOST_SURE
+from poseppl.motion.points.named_points import MAX_SURE, MIN_SURE
 
 VERSION = 1
 _KIND = "poseppl_detector_errors"
-_LIMITS = {"confidence": (LEAST_SURE, MOST_SURE), "slope": (-10, 10), "clutter": (-50, 50), "clutter_slope": (-10, 10)}
+_LIMITS = {"confidence": (MIN_SURE, MAX_SURE), "slope": (-10, 10), "clutter": (-50, 50), "clutter_slope": (-10, 10)}
 _SCALES, _COUNTS = (1e-3, 1e4), (0, 1e9)
 _FIELDS = (_KIND, "source", *_LIMITS, "scale_mm", "residuals")
 

@@ -23,7 +23,7 @@ from poseppl.errors import InputError
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.held_out_cameras import DrawnPlaces, SeenPoints, draw_places, log_predictions
 
-LEAST_POINTS = 50
+MIN_POINTS = 50
 """Points that three cameras see, at least, for a detector's errors."""
 NUM_ROUNDS = 2
 """Places are drawn with errors of a first guess, and then with those that were found."""
@@ -52,11 +52,11 @@ def fit_detector(seen: SeenPoints, markers: Sequence[str], source: str, seed: in
     Raises:
         InputError: Fewer than 50 points are seen by three cameras.
     """
-    if len(seen.marker) < LEAST_POINTS:
+    if len(seen.marker) < MIN_POINTS:
         raise InputError(
             f"three cameras see {len(seen.marker)} points",
             field="--keypoints",
-            expected=f"{LEAST_POINTS} or more",
+            expected=f"{MIN_POINTS} or more",
         )
     middle = float(np.median(seen.logit[seen.seen]))
     seen = seen._replace(logit=seen.logit - middle)

@@ -31,7 +31,7 @@ from poseppl.motion.keypoints.detector_errors import FREEDOM, logits, magnificat
 
 NUM_DRAWS = 96
 """S, draws of each place."""
-_MOST = 1500
+_MAX = 1500
 """Points that are used at most, evenly spaced."""
 _WIDER = 1.5
 """Scale of the densities that places are drawn from, in that of their errors."""
@@ -93,7 +93,7 @@ def seen_points(cameras: Cameras, points: Floats, confidence: Floats, sizes: Flo
     size = np.moveaxis(magnifications(cameras, triangulate(cameras, points, confidence)), 1, 2)
     points, confidence = np.moveaxis(points, 1, 2), np.moveaxis(confidence, 1, 2)  # (T, K, C, ...)
     rows = np.argwhere(np.isfinite(points).all(-1).sum(-1) >= 3)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_MOST, len(rows))).astype(int))]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_MAX, len(rows))).astype(int))]
     at = tuple(rows.T)
     return SeenPoints(cameras, sizes, rows[:, 1], points[at], logits(confidence[at]), size[at])
 

@@ -2,7 +2,7 @@
 
 >>> steady = np.zeros((9, 1, 3, 2)) + np.arange(9)[:, None, None, None]
 >>> steady[4, 0, 1] = 400.0
->>> np.argwhere(np.isnan(without_leaps(steady, 50.0)).any(-1)).tolist()
+>>> np.argwhere(np.isnan(despike(steady, 50.0)).any(-1)).tolist()
 [[4, 0, 1]]
 """
 
@@ -21,7 +21,7 @@ _REACH = 2
 """Frames before and after a point that its median is of."""
 
 
-def without_leaps(points: Floats, least: ArrayLike) -> Floats:
+def despike(points: Floats, least: ArrayLike) -> Floats:
     """Points, NaN where one is far from the median of the five frames about it.
 
     Args:

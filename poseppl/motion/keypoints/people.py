@@ -30,7 +30,7 @@ LONGEST_ABSENCE = 1.0
 """Seconds for which a person may be found by no two cameras."""
 _CONFIDENT = 0.3
 """Points of less confidence do not tell who is who."""
-_LEAST_COMMON = 4
+_MIN_COMMON = 4
 _NOMINAL_EXTENT = 1500.0
 """Height (mm) of what a detector finds of a person, from which one camera tells a distance."""
 
@@ -93,7 +93,7 @@ class FollowedPerson:
         return found.chosen
 
 
-def choose_person(
+def associate_person(
     cameras: Cameras,
     people: Sequence[DetectedPeople],
     rate: float,
@@ -185,7 +185,7 @@ def _distances(
     common = np.isfinite(apart).sum(-1)
     rows = np.arange(len(pairs))
     middle = (apart[rows, np.maximum(common - 1, 0) // 2] + apart[rows, common // 2 % apart.shape[1]]) / 2
-    near = np.where(common >= _LEAST_COMMON, middle, np.inf)
+    near = np.where(common >= _MIN_COMMON, middle, np.inf)
     return {frozenset([a[0], b[0]]): float(value) for (a, b), value in zip(pairs, near, strict=True)}
 
 

@@ -27,12 +27,12 @@ from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.calibration_units import infer_unit
-from poseppl.motion.keypoints.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
-from poseppl.motion.keypoints.camera_refinement import RefinedCameras, refine_cameras
+from poseppl.motion.keypoints.camera_errors import MIN_RESIDUALS, CameraErrors, camera_errors
+from poseppl.motion.keypoints.camera_refinement import RefinedCameras, bundle_adjust
 from poseppl.motion.keypoints.data_association import Association, associate
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
-from poseppl.motion.keypoints.leaps import without_leaps
-from poseppl.motion.keypoints.people import choose_person
+from poseppl.motion.keypoints.leaps import despike
+from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.single_camera import noise_in_one_camera
 from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
@@ -41,20 +41,20 @@ from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, sub
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE, Scene, noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 
 TOLD_ANGLE, TOLD_POSITION = 0.5, 20.0
 """A camera that is turned by more degrees or moved by more mm than these is told of."""
-LEAST_AGREEMENT = 0.5
+MIN_AGREEMENT = 0.5
 """A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
 LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
-LEAST_ABSENCE = 5
+MIN_ABSENCE = 5
 """Frames in a row in which no camera sees the person that are told of."""
-LEAST_MARKERS = 1 / 3
+MIN_MARKERS = 1 / 3
 """Points with names of their own are of a person if at least this share of the body's markers is among them."""
-LEAST_LEAP = 0.05
+MIN_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _ASSUMED = (
     "the person is taken to be {:.2f} +- {:.2f} m tall, as these cameras do not tell (--stature, --lengths): one who is taller "
@@ -76,7 +76,7 @@ def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
 def _absence_notes(seen: NDArray[np.bool_], numbers: Integers) -> list[str]:
     """How many of the frames (T,) in stretches in which no camera sees the person, and from when to when the longest is."""
     stretches = [rows for rows in np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen)) + 1) if not seen[rows[0]]]
-    stretches = [rows for rows in stretches if len(rows) >= LEAST_ABSENCE]
+    stretches = [rows for rows in stretches if len(rows) >= MIN_ABSENCE]
     if not stretches:
         return []
     longest = numbers[max(stretches, key=len)]
@@ -148,7 +148,7 @@ class KeypointScene(NamedTuple):
             told.append(f"the detector's errors are those of {self.detector_errors.source}")
         told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
-            if share < LEAST_AGREEMENT:
+            if share < MIN_AGREEMENT:
                 told.append(
                     f"{name}: whom it sees is the person of the others in {share:.0%} of its frames: its calibration or its "
                     "clock is wrong, or exchanged with another's"
@@ -219,20 +219,20 @@ def scene_of_keypoints(
     cameras = cameras_of_records(records)
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
-    chosen = choose_person(cameras, people, pace := clocks.rate / step, person)
+    chosen = associate_person(cameras, people, pace := clocks.rate / step, person)
     bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
     points, confidence = points_of(bodies, chosen)
     records, up_note = _with_z_up(given, records, points, confidence, bodies[0].names)
     cameras = cameras_of_records(records)
     sizes = np.array([record.size for record in records], float)
-    far = LEAST_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
-    refined = _refined(cameras, without_leaps(points, far), confidence, pace) if refine else None
+    far = MIN_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
+    refined = _refined(cameras, despike(points, far), confidence, pace) if refine else None
     cameras = cameras if refined is None else refined.cameras
     agreement = _agreement(people, chosen)
-    told_apart = mend and bool((agreement >= LEAST_AGREEMENT).all())
+    told_apart = mend and bool((agreement >= MIN_AGREEMENT).all())
     associated = associate(cameras, sizes, bodies, chosen, pace) if told_apart else None
     points, confidence = (points, confidence) if associated is None else (associated.points, associated.confidence)
-    leaping, points = points, without_leaps(points, far)
+    leaping, points = points, despike(points, far)
     num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
     size = _size(stature, lengths, places)
@@ -287,7 +287,7 @@ def noise_of_points(
     known: DetectorErrors | float | None, body: Body, cameras: Cameras, measured: Floats, places: Floats, confidence: Floats
 ) -> Floats:
     """Standard deviations (T, C, K), px: the detector's; or those known or measured, and more for less confidence."""
-    sure = np.clip(confidence, LEAST_CONFIDENCE, 1.0)  # what is less is not seen
+    sure = np.clip(confidence, MIN_CONFIDENCE, 1.0)  # what is less is not seen
     if isinstance(known, DetectorErrors):
         return known.noise(cameras, body.tree.marker_names, places, sure)
     spread = noise_of(body, cameras, known)
@@ -299,10 +299,10 @@ def noise_of_points(
 def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> RefinedCameras | None:
     """The cameras with small errors of their poses mended; None where too few points are seen by two cameras."""
     places = triangulate(cameras, points, confidence)
-    if np.isfinite(places).all(-1).sum() < LEAST_RESIDUALS:
+    if np.isfinite(places).all(-1).sum() < MIN_RESIDUALS:
         return None
     raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
-    return refine_cameras(cameras, points, confidence, raw, rate)
+    return bundle_adjust(cameras, points, confidence, raw, rate)
 
 
 def _errors(body: Body, cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
@@ -329,7 +329,7 @@ def check_markers(found: DetectedPeople, markers: Sequence[str]) -> None:
         InputError: They are of an animal, an object or another body.
     """
     known = set(markers) & set(_markers_of(found))
-    if len(known) < (1 if found.layout else LEAST_MARKERS * len(markers)):
+    if len(known) < (1 if found.layout else MIN_MARKERS * len(markers)):
         named = found.layout or f"points called {some(found.names)}"
         raise InputError(
             f"{len(known)} of the body's {len(markers)} markers are among {named}",
@@ -348,5 +348,5 @@ def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeopl
     points = np.full((*found.points.shape[:2], len(markers), 2), np.nan)
     confidence = np.zeros(points.shape[:3])
     points[:, :, into], confidence[:, :, into] = found.points[:, :, of], found.confidence[:, :, of]
-    points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
+    points = np.where((confidence >= MIN_CONFIDENCE)[..., None], points, np.nan)
     return found._replace(points=points, confidence=confidence, names=tuple(markers))

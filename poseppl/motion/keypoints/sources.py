@@ -13,12 +13,12 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.detections import check_different, without_strays
 from poseppl.motion.io.keypoints import read_keypoints
-from poseppl.motion.keypoints.clock_offsets import Offsets, coarse_offsets, fine_offsets
+from poseppl.motion.keypoints.clock_offsets import Offsets, coarse_offsets, synchronize
 from poseppl.motion.keypoints.clocks import Aligned, Clock, align
-from poseppl.motion.keypoints.people import LARGEST_DISTANCE, choose_person
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
+from poseppl.motion.keypoints.people import LARGEST_DISTANCE, associate_person
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 
-LEAST_OFFSET, SURE = 0.5, 3.0
+MIN_OFFSET, SURE = 0.5, 3.0
 """An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
 _ROUNDS = 3
 _TOLD_FRAMES = 5
@@ -109,9 +109,9 @@ def check_confidences(name: str, found: DetectedPeople) -> None:
         InputError: They have none, so that none would count.
     """
     confidence = found.confidence[np.isfinite(found.points).all(-1)]
-    if confidence.size and confidence.max() < LEAST_CONFIDENCE:
+    if confidence.size and confidence.max() < MIN_CONFIDENCE:
         raise InputError(
-            f"{name}: the confidence of all {confidence.size} points is below {LEAST_CONFIDENCE:g}, the largest is "
+            f"{name}: the confidence of all {confidence.size} points is below {MIN_CONFIDENCE:g}, the largest is "
             f"{confidence.max():.3g}, so that none counts",
             field="--keypoints",
             expected="confidences from 0 to 1; write 1 for each point if the detector gives none",
@@ -197,11 +197,11 @@ def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Seq
         try:
             aligned = align(people, shifted).people
             # cameras that agree no better than this tell nothing of the clocks
-            chosen = choose_person(cameras, aligned, rate, largest_alone=LARGEST_DISTANCE)
+            chosen = associate_person(cameras, aligned, rate, largest_alone=LARGEST_DISTANCE)
             points, confidence = points_of(aligned, chosen)
         except InputError:  # nobody is seen by two cameras: what follows says so
             return None
-        beside = fine_offsets(cameras, points, confidence, rate)
+        beside = synchronize(cameras, points, confidence, rate)
         if beside is None:
             return found
         found = Offsets(start + beside.frames, beside.deviation)
@@ -230,7 +230,7 @@ def _found_offsets(
     deviation = np.maximum(found.deviation, found.deviation[found.deviation > 0].min())
     notes = []
     for c in free:
-        if c != anchor and abs(total[c]) >= LEAST_OFFSET and abs(total[c]) >= SURE * deviation[c]:
+        if c != anchor and abs(total[c]) >= MIN_OFFSET and abs(total[c]) >= SURE * deviation[c]:
             late[c] = total[c]
             low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
             notes.append(

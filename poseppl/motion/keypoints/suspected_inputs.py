@@ -21,7 +21,7 @@ from poseppl.motion.keypoints.clock_offsets import coarse_offsets
 from poseppl.motion.keypoints.clocks import Clock, align
 from poseppl.motion.keypoints.sources import Clocks, own_clocks
 from poseppl.motion.tracking.placing import cameras_of_records
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 
 BETTER = 0.75
 """Rays meet better by far if they pass each other at less than this share of the distance."""
@@ -171,7 +171,7 @@ def check_rates(seen: SeenFrames, known: Clocks) -> None:
 
 
 def _doubts_size(record: CameraRecord, found: DetectedPeople) -> bool:
-    points = found.points[np.isfinite(found.points).all(-1) & (found.confidence >= LEAST_CONFIDENCE)]
+    points = found.points[np.isfinite(found.points).all(-1) & (found.confidence >= MIN_CONFIDENCE)]
     if not len(points):
         return False
     share: Floats = points / np.array(record.size)

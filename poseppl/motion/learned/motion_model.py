@@ -21,7 +21,7 @@ from poseppl.motion.learned.angles import wrapped
 
 MEMORY = 0.1
 """Seconds after which what an unknown person does otherwise is another (ours): it changes within the cycle of an activity."""
-_MOST_KEPT = 0.9999
+_MAX_KEPT = 0.9999
 """Correlation from a frame to the next that a residual has at most, so that it is never known without an error."""
 
 
@@ -103,7 +103,7 @@ class MotionModel(NamedTuple):
             Standard deviations (L,) in radians, and correlations from a frame to the next (L,), below 1.
         """
         if person is not None:
-            return self.residual_scale, np.minimum(self.residual_correlation, _MOST_KEPT)
+            return self.residual_scale, np.minimum(self.residual_correlation, _MAX_KEPT)
         variance, count = self.residual_scale**2, len(self.persons)
         if count > 1:
             apart = wrapped(self.person_means - self.person_means.mean(0))

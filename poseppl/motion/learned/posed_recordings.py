@@ -17,7 +17,7 @@ from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.io import Motion, read_motion, slice_frames
 from poseppl.motion.io.resampling import RATE_TOLERANCE, whole_step
 
-_LEAST_RATE = 5.0
+_MIN_RATE = 5.0
 """Frames a second that a common rate has at least."""
 
 
@@ -110,7 +110,7 @@ def frames_between(rate: float, wanted: float, source: str) -> int:
 def common_rate(rates: Sequence[float]) -> float:
     """The highest rate that every one of these becomes when some of its frames are left out."""
     slowest = min(rates)
-    for divisor in range(1, 1 + int(slowest / _LEAST_RATE)):
+    for divisor in range(1, 1 + int(slowest / _MIN_RATE)):
         ratios = np.asarray(rates, np.float64) * divisor / slowest
         if np.all(np.abs(ratios - np.round(ratios)) <= RATE_TOLERANCE * ratios):
             return slowest / divisor

@@ -25,7 +25,7 @@ from poseppl.program import CompiledModel, Observation
 
 FREEDOM = 5.0
 """Degrees of freedom of a detector's errors that do not last; ours."""
-LEAST_SURE, MOST_SURE = 0.001, 0.999
+MIN_SURE, MAX_SURE = 0.001, 0.999
 """Confidences outside are taken for these: detectors say 0 and 1, and mean neither."""
 _START_SCALE = 3.0
 """Standard deviation of the first positions, in the extent of all."""
@@ -123,7 +123,7 @@ class PointProblem(NamedTuple):
 
 def logits(confidence: Floats) -> Floats:
     """Logits of a detector's confidences; of a point that was not found, whatever: its data are masked."""
-    sure = np.clip(np.nan_to_num(confidence, nan=LEAST_SURE), LEAST_SURE, MOST_SURE)
+    sure = np.clip(np.nan_to_num(confidence, nan=MIN_SURE), MIN_SURE, MAX_SURE)
     return np.asarray(np.log(sure) - np.log1p(-sure))
 
 

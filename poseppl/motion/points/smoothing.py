@@ -28,7 +28,7 @@ from poseppl.motion.points.swaps import Pair, SeenPoints, exchanged, swap_probab
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import draws_about
 
-MOST_FITTED, RUNS_FITTED = 150, 5
+MAX_FITTED, RUNS_FITTED = 150, 5
 """Frames that params are sought in, and how many runs of frames in a row, spread over the recording, they are."""
 
 
@@ -78,7 +78,7 @@ def smooth_points(
     """
     with double_precision():
         problem = make_point_problem(recording)
-        part = best_seen(recording.points, MOST_FITTED, RUNS_FITTED)
+        part = best_seen(recording.points, MAX_FITTED, RUNS_FITTED)
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
         params, spread = found = fit_points(fitted, known, seed=seed)
         mode = points_mode(problem, params)

@@ -34,13 +34,13 @@ ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
 """Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
 REST_SPREAD = 0.5
 """Standard deviation of a first pose's angles about the rest pose, radians; ours."""
-ANYWHERE = 10.0
+ROOT_PRIOR_SCALE = 10.0
 """That of the root's place and turn, in units of how well a search tells them."""
 ROUNDED = 1.0
 """Standard deviation of a length, mm, beside what comes from the places that it was measured in; ours."""
 
 
-def with_lasting_errors(
+def with_ar1_noise(
     problem: Problem,
     frames: Integers,
     rate: float | None,
@@ -93,7 +93,7 @@ def _with_open_start(own: Any, body: Body) -> Any:
     if not np.allclose(scale, start_scales(body)):
         return own
     root = np.array([joint == body.tree.coordinates[0][0] for joint, _ in body.tree.coordinates])
-    mean, spread = np.where(root, start, body.rest), np.where(root, ANYWHERE * scale, REST_SPREAD)
+    mean, spread = np.where(root, start, body.rest), np.where(root, ROOT_PRIOR_SCALE * scale, REST_SPREAD)
     return own._replace(start=Constant(jnp.asarray(mean, float)), start_scale=Constant(jnp.asarray(spread, float)))
 
 

@@ -23,7 +23,7 @@ from poseppl.motion.tracking.problem import Problem, with_steps
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.program import CompiledModel
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.run import Constant, frame_inputs
 
 STEPS = 2.0
@@ -71,7 +71,7 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
     return Problem(body, compiled, scene.data.observe(compiled), inputs, pose, follows if other_motion else None)
 
 
-@built_once
+@memoized_builder
 def _of_states(model: CompiledModel, of_sites: Any) -> Callable[[Array, Any], Array]:
     def value(x: Array, inputs: Any) -> Array:
         found: Array = of_sites(model.to_sites(x), inputs.activity)

@@ -17,7 +17,7 @@ from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
 from poseppl.motion.tracking.point_data import PointData
-from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE, Scene, noise_of
 
 
 def observe_motion(
@@ -96,8 +96,8 @@ def scene_of_observations(
     part = FrameRange.parse(frames).within(len(observed.points), str(path))
     points, confidence = observed.points[part], None if observed.confidence is None else observed.confidence[part]
     if confidence is not None:
-        points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
-        spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), LEAST_CONFIDENCE, 1.0))
+        points = np.where((confidence >= MIN_CONFIDENCE)[..., None], points, np.nan)
+        spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), MIN_CONFIDENCE, 1.0))
     if not np.isfinite(points).any():
         raise InputError("no point is seen in the chosen frames", file=path, field="--frames")
     data = PointData(points, spread)

@@ -29,7 +29,7 @@ from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.start import start_scales
 from poseppl.motion.tracking.walk import mean_reverting_steps, step_scales, time_steps
 from poseppl.program import Clamped, CompiledModel, Observation, clamp
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of
 from poseppl.runs.frame_sequence import rows_of_inputs
@@ -91,7 +91,7 @@ class Problem(NamedTuple):
         return {name: np.asarray(values) for name, values in record.items()}
 
 
-@built_once
+@memoized_builder
 def _with_projections(model: CompiledModel) -> Callable[[Array, Any], dict[str, Array]]:
     """The model's extras, and where its markers are seen."""
 
@@ -102,7 +102,7 @@ def _with_projections(model: CompiledModel) -> Callable[[Array, Any], dict[str, 
     return extras
 
 
-@built_once
+@memoized_builder
 def _collect_poses(
     model: CompiledModel,
     pose: Callable[[Array, Any], Array],

@@ -14,7 +14,7 @@ from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras
 from poseppl.program import CompiledModel, Observation
 
-LEAST_CONFIDENCE = 0.05
+MIN_CONFIDENCE = 0.05
 """Points of less confidence count as not seen."""
 
 

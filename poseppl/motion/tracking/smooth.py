@@ -17,7 +17,7 @@ from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
-from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
+from poseppl.motion.tracking.lasting_errors import with_ar1_noise, with_no_errors
 from poseppl.motion.tracking.problem import Problem, body_inputs, problem_of_result
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
@@ -91,16 +91,16 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         cut, measured = settings.method == "laplace", known.get("lengths measured") is True
         cameras = _camera_covariance(known, problem) if cut else None
         lengths = _measured_lengths(tree, problem, settings.model) if cut and measured else None
-        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras, lengths)
+        problem = with_ar1_noise(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras, lengths)
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     if problem.num_static:
         smoother = cut_laplace_smoother(problem.model, problem.num_static, **options)
-    if lasting and smoother.follows_ancestors:
+    if lasting and smoother.requires_genealogy:
         raise InputError(
             f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
         )
     key = jax.random.key(settings.seed)
-    again = smoother.follows_ancestors and "ancestor" not in group_of(tree, HISTORY)
+    again = smoother.requires_genealogy and "ancestor" not in group_of(tree, HISTORY)
     history = filter_again(tree, problem) if again else history_of_result(at_mean_stature(tree), jax.random.fold_in(key, 0))
     run = run_smoother(
         smoother,

@@ -33,7 +33,7 @@ START_ANGLE = 0.3
 START_POSITION = 150.0
 """Standard deviation (mm) of its position."""
 _REST_SPREAD = 0.5
-_LEAST_MARKERS = 4
+_MIN_MARKERS = 4
 
 
 def scales(body: Body, position: float, angle: float) -> Floats:
@@ -62,10 +62,10 @@ def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
         InputError: No frame shows enough markers.
     """
     seen = np.isfinite(points).all(-1).sum((1, 2))
-    enough = seen >= max(_LEAST_MARKERS, 0.8 * seen.max())
+    enough = seen >= max(_MIN_MARKERS, 0.8 * seen.max())
     if not enough.any():
         problem = f"no frame shows more than {seen.max()} markers, too few to start from"
-        raise InputError(problem, expected=f"a frame with {_LEAST_MARKERS} or more")
+        raise InputError(problem, expected=f"a frame with {_MIN_MARKERS} or more")
     frame = int(np.argmax(enough))
     spread = noise if noise.ndim == 2 else noise[frame]
     return _best_pose(body, cameras, points[frame], spread)

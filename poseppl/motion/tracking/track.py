@@ -28,7 +28,7 @@ from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.filter_history import HISTORY_MIB
-from poseppl.runs.outcome import parts_of_run
+from poseppl.runs.outcome import result_kwargs
 from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
 
@@ -187,7 +187,7 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     built, options = FILTERS[name].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
-    obstacle = problem.model.prediction_obstacle(frame_inputs(problem.inputs, 0))
+    obstacle = problem.model.why_not_predictive(frame_inputs(problem.inputs, 0))
     described = {
         "model": settings.model,
         "model source": source_of_model(settings.model),
@@ -297,7 +297,7 @@ def affordable_draws(problem: Problem, chains: int) -> int:
 
 def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
     count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
-    scene, parts = scene.first_frames(count), parts_of_run(run)
+    scene, parts = scene.first_frames(count), result_kwargs(run)
     parts["sample_stats"] |= scene.data.quality(scene, parts["summary"]["state_mean"])
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)

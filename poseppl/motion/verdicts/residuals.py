@@ -20,7 +20,7 @@ from poseppl.runs.results import provenance
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
 SCALE_LOW = 0.7
-MOST_LEFT_OUT = 0.5
+MAX_LEFT_OUT = 0.5
 """Share of points whose spread hides their noise, above which the others do not judge the noise either: they are a minority,
 chosen by a small spread, of a posterior that the projection bends."""
 CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
@@ -47,7 +47,7 @@ def point_residuals(tree: xr.DataTree) -> Findings:
     """Points farther from the body than noise and posterior allow, or nearer; by camera and marker."""
     errors, markers = image_errors(tree), names_of(tree, "marker")
     if errors is not None and errors.cameras and markers:
-        if errors.left_out > MOST_LEFT_OUT:
+        if errors.left_out > MAX_LEFT_OUT:
             share = f"for {100 * errors.left_out:.0f} % of the image points the posterior SD is larger than the noise"
             yield Verdict(INFO, f"The noise of the image points cannot be judged by their residuals: {share}.")
         else:

@@ -46,7 +46,7 @@ HOLDS = 0.5
 """Probability of the learned activity below which a frame is of other motion."""
 OTHER_SHARE = 0.1
 """Share of such frames above which there is a warning."""
-_LEAST_SHARE = 0.25
+_MIN_SHARE = 0.25
 _ARGUMENTS = {"Translations": POSITION, "Angles": ANGLE}
 _RATE = Remedy("check the frame rate")
 
@@ -73,7 +73,7 @@ def steps_of(tree: xr.DataTree) -> Steps | None:
     variance = deviation**2
     gained = np.diff(-variance, axis=0) / walks**2
     error = _error_of_means(tree, variance)
-    return Steps(np.diff(mean, axis=0) / walks, np.maximum(1 + gained, _LEAST_SHARE) + (error[1:] + error[:-1]) / walks**2)
+    return Steps(np.diff(mean, axis=0) / walks, np.maximum(1 + gained, _MIN_SHARE) + (error[1:] + error[:-1]) / walks**2)
 
 
 def _error_of_means(tree: xr.DataTree, variance: Floats) -> Floats:

@@ -33,7 +33,7 @@ from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upp
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.published.gibbs_moves import Frames, Settings, move_frame, prepare_frames
@@ -43,7 +43,7 @@ from poseppl.smoothers.published.likelihood_mixture import (
     fit_likelihood_mixture,
     log_components,
 )
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
 Target = Literal["mixture", "model"]
 
@@ -55,7 +55,7 @@ class GibbsChains(NamedTuple):
     acceptance: Array
 
 
-@built_once
+@memoized_builder
 def gibbs_smoother(
     model: CompiledModel,
     *,
@@ -132,7 +132,7 @@ def gibbs_starts(model: CompiledModel, rng_key: Array, history: History, inputs:
     best = history.particles[place, jnp.argmax(history.log_weights, axis=1)]
     if num_chains == 1:
         return best[None]
-    return jnp.concatenate([best[None], draw_trajectories(model, rng_key, history, inputs, num_chains - 1)])
+    return jnp.concatenate([best[None], initial_trajectories(model, rng_key, history, inputs, num_chains - 1)])
 
 
 def gibbs_chains(

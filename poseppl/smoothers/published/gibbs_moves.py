@@ -33,7 +33,7 @@ from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, transition_around
 from poseppl.kernels.laplace import whitening
 from poseppl.particles.stacks import rows_of
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.published.likelihood_mixture import LikelihoodMixture, log_components
 
@@ -154,7 +154,7 @@ def move_frame(
 
     new, old = jax.vmap(rest)(jnp.stack([moved, x]))
     log_ratio = new - old
-    log_ratio = without_nan(log_ratio)
+    log_ratio = nan_to_neg_inf(log_ratio)
     accepted = jnp.log(jax.random.uniform(key_accept, dtype=x.dtype)) < log_ratio
     return jnp.where(accepted, moved, x), jnp.exp(jnp.minimum(log_ratio, 0.0))
 

@@ -27,9 +27,9 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import multinomial
 from poseppl.particles.stacks import split_first
-from poseppl.particles.weights import without_nan
+from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.conditional_smc import Sweep, draw_back
@@ -44,13 +44,13 @@ from poseppl.smoothers.published.gradient_proposal import (
     scale_of,
     shifted,
 )
-from poseppl.smoothers.starts import draw_trajectories
+from poseppl.smoothers.starts import initial_trajectories
 
-_MOST = 64
+_MAX = 64
 """Particles of a frame over which the transition's covariance is averaged."""
 
 
-@built_once
+@memoized_builder
 def particle_mgrad_smoother(
     model: CompiledModel,
     *,
@@ -91,7 +91,7 @@ def particle_mgrad_smoother(
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_start, key_moves = jax.random.split(rng_key)
-        starts = draw_trajectories(model, key_start, history, inputs, num_chains)
+        starts = initial_trajectories(model, key_start, history, inputs, num_chains)
         axes = _geometries(model, history, inputs, scaling)
 
         def move(key: Array, xs: Array, h: Array) -> Array:
@@ -122,7 +122,7 @@ def _geometries(model: CompiledModel, history: History, inputs: Any, scaling: Sc
     """The coordinates of every frame, with a leading T."""
     scales = jax.vmap(lambda *frame: scale_of(scaling, *frame))(history.particles, history.log_weights)
     first, later = split_first(inputs)
-    before = history.particles[:-1, :_MOST]
+    before = history.particles[:-1, :_MAX]
     noises = model.initial_moments(first)[1][None]
     if len(before):
 
@@ -216,4 +216,4 @@ def _extend(
     phis = jnp.concatenate([phi[None], shifted(axes, h, moved, gradients)])
     log_weights = log_prior(particles) + jnp.concatenate([value[None], values])
     log_weights = log_weights + log_correction(variant, axes, h, u, particles, means, phis)
-    return particles, without_nan(log_weights)
+    return particles, nan_to_neg_inf(log_weights)

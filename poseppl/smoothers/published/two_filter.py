@@ -37,13 +37,13 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import factorise
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import append, rows_of
-from poseppl.particles.weights import Normalised, normalise, weighted_covariance, weighted_mean, without_nan
+from poseppl.particles.weights import Normalised, nan_to_neg_inf, normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous, smoothing_info
 from poseppl.smoothers.published.artificial_prior import floor_of, pair_moments, summarise
-from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
+from poseppl.smoothers.tiles import block_size, check_tile, join_rows, split_rows
 
 Method = Literal["exact", "linear"]
 
@@ -57,7 +57,7 @@ class _Backward(NamedTuple):
     degenerate: Array
 
 
-@built_once
+@memoized_builder
 def two_filter_smoother(
     model: CompiledModel,
     *,
@@ -184,7 +184,7 @@ def _log_observations(model: CompiledModel, xs: Array, observation: Observation,
 def _log_predictive(
     model: CompiledModel, tile: int | None, later: Array, earlier: Array, log_weights: Array, inputs: Any
 ) -> Array:
-    rows = tile_rows(tile, later.shape[0], earlier.shape[0])
+    rows = block_size(tile, later.shape[0], earlier.shape[0])
 
     def add_up(xs: Array) -> Array:
         return _log_sum(log_transition_matrix(model, xs, earlier, inputs) + log_weights, 1)
@@ -221,7 +221,7 @@ def _first_frame(
     earlier, log_weights = history.particles[0], history.log_weights[0]
     information = normalise(backward.log_weights - backward.log_prior).log_weights
     if method == "exact":
-        rows = tile_rows(tile, earlier.shape[0], earlier.shape[0])
+        rows = block_size(tile, earlier.shape[0], earlier.shape[0])
 
         def add_up(xs: Array) -> Array:
             return _log_sum(log_transition_matrix(model, backward.particles, xs, inputs) + information[:, None], 0)
@@ -237,5 +237,5 @@ def _first_frame(
 
 def _log_sum(terms: Array, axis: int) -> Array:
     """Log of the sum of exp(terms), NaN counting as nothing."""
-    total: Array = jax.nn.logsumexp(without_nan(terms), axis=axis)
+    total: Array = jax.nn.logsumexp(nan_to_neg_inf(terms), axis=axis)
     return total

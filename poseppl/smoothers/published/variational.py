@@ -63,7 +63,7 @@ from poseppl.gaussians.linear_transitions import (
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.built_once import built_once
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_transitions
 from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_draws
@@ -108,7 +108,7 @@ class _State(NamedTuple):
     shares: Array
 
 
-@built_once
+@memoized_builder
 def variational_smoother(
     model: CompiledModel,
     *,

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.triangulation import triangulate
-from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, PRIOR_WEIGHT, refine_cameras
+from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, PRIOR_WEIGHT, bundle_adjust
 
 FRAMES, POINTS, NOISE = 6, 8, 5.0
 SCALE = np.repeat([PRIOR_ANGLE, PRIOR_POSITION], 3)
@@ -43,7 +43,7 @@ def places() -> Floats:
 def test_points_that_agree_leave_the_curvature_of_students_density(cameras: Cameras, places: Floats, rate: float) -> None:
     """Frames of a second count as one; the prior is narrower by the errors that are not there."""
     points = seen_by(cameras, places)
-    found = refine_cameras(cameras, points, np.ones(points.shape[:3]), NOISE, rate)
+    found = bundle_adjust(cameras, points, np.ones(points.shape[:3]), NOISE, rate)
     step, columns = 0.1, []
     for unit in np.eye(18).reshape(18, 3, 6):
         ends = []
@@ -71,9 +71,9 @@ def test_a_known_error_is_found_and_a_point_that_is_far_off_hardly_counts(camera
     errors = np.zeros((3, 6))
     errors[1, :3] = [1.0, -0.5, 0.8]
     points = seen_by(moved(cameras, errors), places)
-    plain = refine_cameras(cameras, points, np.ones(points.shape[:3]), 1.0, 1.0)
+    plain = bundle_adjust(cameras, points, np.ones(points.shape[:3]), 1.0, 1.0)
     # what cameras have in common nothing tells: the turn of one against the mean of all
     np.testing.assert_allclose((plain.turn[1] - plain.turn[[0, 2]].mean(0)) / PRIOR_ANGLE, errors[1, :3], atol=0.3)
     points[2, 0, 3] += 400.0
-    astray = refine_cameras(cameras, points, np.ones(points.shape[:3]), 1.0, 1.0)
+    astray = bundle_adjust(cameras, points, np.ones(points.shape[:3]), 1.0, 1.0)
     assert (np.abs(astray.turn - plain.turn) < plain.turn_deviation / 3).all()

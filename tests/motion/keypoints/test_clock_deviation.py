@@ -9,7 +9,7 @@ from scipy.stats import norm, t
 
 from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.io import DetectedPeople
-from poseppl.motion.keypoints.clock_offsets import coarse_offsets, fine_offsets
+from poseppl.motion.keypoints.clock_offsets import coarse_offsets, synchronize
 
 NUM_FRAMES, NUM_POINTS, RATE = 80, 14, 30.0
 NOISE = 4.0
@@ -41,7 +41,7 @@ def errors(lasts: float) -> tuple[np.ndarray, np.ndarray]:
         for _ in range(1, NUM_FRAMES):
             noise.append(kept * noise[-1] + np.sqrt(1 - kept**2) * rng.normal(size=noise[0].shape))
         points = np.moveaxis(seen, 0, 1) + NOISE * np.stack(noise)
-        offsets = fine_offsets(cameras, points, np.ones(points.shape[:-1]), RATE)
+        offsets = synchronize(cameras, points, np.ones(points.shape[:-1]), RATE)
         assert offsets is not None
         found.append((offsets.frames[1:] - LATE[1:], offsets.deviation[1:]))
     off, told = map(np.stack, zip(*found, strict=True))
@@ -76,7 +76,7 @@ def test_errors_of_calibration_add_up_as_independent_ones_of_pairs(monkeypatch: 
     turn = 2 * np.pi * np.arange(NUM_FRAMES)[:, None, None] / RATE
     places = size * np.sin(turn + phase) + rng.normal(size=(NUM_POINTS, 3)) * 300
     points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places)), np.float64), 0, 1)
-    found = fine_offsets(cameras, points, np.ones(points.shape[:-1]), RATE)
+    found = synchronize(cameras, points, np.ones(points.shape[:-1]), RATE)
     assert found is not None
     np.testing.assert_allclose(found.frames, 0.0, atol=0.02)
     np.testing.assert_allclose(found.deviation[1:], 0.02 * RATE * np.sqrt(2 / 3), rtol=0.02)

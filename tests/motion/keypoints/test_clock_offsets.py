@@ -13,9 +13,9 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import DetectedPeople, read_cameras
 from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.openpose import read_openpose
-from poseppl.motion.keypoints.clock_offsets import SYSTEMATIC, fine_offsets
+from poseppl.motion.keypoints.clock_offsets import SYSTEMATIC, synchronize
 from poseppl.motion.keypoints.clocks import Clock, align, resampled
-from poseppl.motion.keypoints.people import choose_person
+from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.sources import (
     Clocks,
     common_frames,
@@ -70,7 +70,7 @@ def test_an_offset_is_told_and_mended(cameras: Cameras, people: list[DetectedPeo
     assert told is not None
     offset, low, high = map(float, told.groups())
     assert abs(offset - 6) < 0.25 and low <= 6 <= high and high - low < 0.8
-    chosen = [choose_person(cameras, found, 60.0)[:90, 2] for found in (aligned.people, people)]
+    chosen = [associate_person(cameras, found, 60.0)[:90, 2] for found in (aligned.people, people)]
     assert (chosen[0] == chosen[1]).mean() > 0.95
 
 
@@ -119,7 +119,7 @@ def test_cameras_of_different_rates(cameras: Cameras, people: list[DetectedPeopl
     half = half._replace(points=half.points[::2], confidence=half.confidence[::2], frames=np.arange(50))
     mixed = [people[0], half, people[2], people[3]]
     aligned, _ = common_frames(NAMES, cameras, mixed, Clocks(60.0, rates={"cam_02": 30.0}), None)
-    chosen = [points_of(found, choose_person(cameras, found, 60.0))[0][:, 1] for found in (aligned.people, people)]
+    chosen = [points_of(found, associate_person(cameras, found, 60.0))[0][:, 1] for found in (aligned.people, people)]
     assert aligned.frames.tolist() == list(range(100))
     np.testing.assert_array_equal(chosen[0][::2], chosen[1][::2])
     off = np.linalg.norm(chosen[0][1:98:2] - chosen[1][1:98:2], axis=-1)
@@ -211,8 +211,8 @@ def test_the_interval_holds_errors_of_calibration(cameras: Cameras, people: list
     for pair in ([0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]):
         both = jax.tree.map(lambda leaf, pair=pair: leaf[np.array(pair)], cameras)
         seen = [people[c] for c in pair]
-        points, confidence = points_of(seen, choose_person(both, seen, 60.0))
-        found = fine_offsets(both, points, confidence, 60.0)
+        points, confidence = points_of(seen, associate_person(both, seen, 60.0))
+        found = synchronize(both, points, confidence, 60.0)
         assert found is not None
         assert abs(found.frames[1]) < 3 * found.deviation[1] and found.deviation[1] >= SYSTEMATIC * 60.0
 

@@ -14,7 +14,7 @@ from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.data_association import associate
-from poseppl.motion.keypoints.people import choose_person
+from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints, with_markers
 from poseppl.motion.keypoints.sources import Clocks
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
@@ -70,7 +70,7 @@ def test_another_persons_detections_are_recognised(data_dir: Path, records: tupl
     """In a tenth of the frames a camera has the synthetic person, who is of confidence 1, taken for the real one."""
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in CAMERAS]
     cameras = cameras_of_records(records)
-    true = choose_person(cameras, people, 60.0, 2)
+    true = associate_person(cameras, people, 60.0, 2)
     certain = [(found.confidence > 0.999).any(-1) for found in people]
     rng = np.random.default_rng(0)
     chosen, rows = true.copy(), rng.choice(100, 10, replace=False)

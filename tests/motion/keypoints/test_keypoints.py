@@ -19,8 +19,8 @@ from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.camera_errors import camera_errors
-from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
-from poseppl.motion.keypoints.people import choose_person
+from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
+from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.scene import check_markers, scene_of_keypoints
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -46,14 +46,14 @@ def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, 
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in (1, 2, 3, 4)]
     cameras = cameras_of_records(records)
     for person, synthetic in ((1, True), (2, False)):
-        chosen = choose_person(cameras, people, 60.0, person)
+        chosen = associate_person(cameras, people, 60.0, person)
         seen = chosen >= 0
         assert seen.mean() > 0.98
         for c, found in enumerate(people):
             certain = (found.confidence[np.arange(len(chosen)), chosen[:, c]] > 0.999).any(-1)
             assert (certain[seen[:, c]] == synthetic).mean() > 0.98
     with pytest.raises(InputError, match="people are seen by two cameras"):
-        choose_person(cameras, people, 60.0, 200)
+        associate_person(cameras, people, 60.0, 200)
 
 
 @pytest.mark.full
@@ -84,17 +84,17 @@ def test_a_camera_that_is_off_keeps_the_only_person(records: tuple[CameraRecord,
     """Rays of a camera that is pitched by two degrees pass those of another by some 170 mm."""
     people = [read_openpose(folders[name]) for name in ("cam_03", "cam_04")]
     cameras = cameras_of_records([turned(records[2], (2.0, 0.0, 0.0)), records[3]])
-    assert (choose_person(cameras, people, 60.0) >= 0).mean() > 0.98
+    assert (associate_person(cameras, people, 60.0) >= 0).mean() > 0.98
     twice = people[1]._replace(**{name: np.repeat(getattr(people[1], name), 2, 1) for name in ("points", "confidence")})
     with pytest.raises(InputError, match="nobody is seen"):
-        choose_person(cameras, [people[0], twice], 60.0)
+        associate_person(cameras, [people[0], twice], 60.0)
 
 
 @pytest.mark.full
 def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     found = read_openpose(data_dir / "pose2sim_balancing" / "pose" / "cam01_json")
     published = np.load(data_dir / "pose2sim_balancing" / "reference" / "balancing_keypoints.npz")["kp"][:, 0, :, :2]
-    chosen = choose_person(cameras_of_records(records[:1]), [found], 60.0)[:, 0]
+    chosen = associate_person(cameras_of_records(records[:1]), [found], 60.0)[:, 0]
     off = np.linalg.norm(found.points[np.arange(100), chosen] - published, axis=-1)
     assert np.flatnonzero(chosen < 0).tolist() == [37]  # there the detector has the man in two halves
     assert np.nanmax(off[chosen >= 0]) < 0.01
@@ -172,7 +172,7 @@ def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraR
         true = calibrated._replace(rotation=jnp.asarray(rotation, float), centre=centre)
         noise = np.repeat(8.0 * rng.standard_normal((2, *shape[1:])), [60, len(places) - 60], axis=0)
         points = np.moveaxis(np.asarray(project(true, jnp.asarray(places, float)), np.float64), 0, 1) + noise
-        found: Any = refine_cameras(calibrated, points, np.ones(shape[:3]), 8.0, 60.0)
+        found: Any = bundle_adjust(calibrated, points, np.ones(shape[:3]), 8.0, 60.0)
         scores += [(found.turn - turn) / found.turn_deviation, (found.shift - shift) / found.shift_deviation]
         left.append(camera_errors(found.cameras, points, triangulate(found.cameras, points, np.ones(shape[:3]))).scale)
         before.append(camera_errors(calibrated, points, triangulate(calibrated, points, np.ones(shape[:3]))).scale)

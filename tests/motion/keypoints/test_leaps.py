@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from poseppl.motion.keypoints.leaps import without_leaps
+from poseppl.motion.keypoints.leaps import despike
 
 
 def test_a_leap_is_left_out_and_a_fast_point_is_not() -> None:
@@ -13,9 +13,9 @@ def test_a_leap_is_left_out_and_a_fast_point_is_not() -> None:
     points[:, 0, 3, 0] = 80.0 * np.arange(20)
     points[7, 0, 1, 0] = 90.0
     points[12, 0, 2] = np.nan
-    found = without_leaps(points, 50.0)
+    found = despike(points, 50.0)
     left_out = np.isnan(found).any(-1)[2:-2, 0]
     assert np.argwhere(left_out).tolist() == [[5, 1], [10, 2]]
     kept = np.isfinite(found)
     np.testing.assert_array_equal(found[kept], points[kept])
-    assert np.isfinite(without_leaps(points, 95.0)[7, 0, 1]).all()
+    assert np.isfinite(despike(points, 95.0)[7, 0, 1]).all()

@@ -17,7 +17,7 @@ from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.keypoints import read_frame
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.live import LiveTrack, sees_someone
-from poseppl.motion.keypoints.people import FollowedPerson, choose_person
+from poseppl.motion.keypoints.people import FollowedPerson, associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.sources import Clocks
 from poseppl.motion.tracking import TrackSettings, track
@@ -140,7 +140,7 @@ def test_a_person_is_followed_among_others(data_dir: Path, person: int) -> None:
     records = read_cameras(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml")
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in (1, 2, 3, 4)]
     cameras = cameras_of_records(records)
-    chosen = choose_person(cameras, people, 60.0, person)
+    chosen = associate_person(cameras, people, 60.0, person)
     followed = FollowedPerson(cameras, seen(people, slice(10)), chosen[:10], 60.0)
     found = np.concatenate([followed.choose(seen(people, slice(t, t + 1))) for t in range(10, 100)])
     assert (found == chosen[10:]).mean() > 0.98

@@ -10,7 +10,7 @@ import pytest
 from poseppl.cli import main
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.errors import InputError
-from poseppl.filters.suitability import suited_filters
+from poseppl.filters.suitability import compatible_filters
 from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, track
@@ -134,7 +134,7 @@ def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_
     masks = {"left": np.stack([masks_of(state)["left"] for state in states])}
     seen = silhouette_scene(body(), RECORDS[:1], masks)._replace(states=states, markers=body().places(states), rate=20.0)
     model = with_prior(make_problem(seen), seen, learned_for_videos).model
-    assert suited_filters(model) == ("rao-blackwellised",)  # where a frame's pictures are one for all particles
+    assert compatible_filters(model) == ("rao-blackwellised",)  # where a frame's pictures are one for all particles
     errors = []
     for settings in ({"filter": "switching", "prior": str(learned_for_videos)}, {"filter": "kalman"}):
         tree = track(seen, TrackSettings(model="poseppl_models.bodies.silhouettes:full_body", **settings))

@@ -1,12 +1,12 @@
 """Builders that build once: the same filter, smoother or collector for the same model and equal settings.
 
 JAX compiles for a function anew whenever it is another object, however equal what it does. A builder decorated with
-:func:`built_once` returns for equal settings the very object that it returned before, so that what was compiled for it serves
-again. What is built is kept on the builder's first argument (a model, a filter, a smoother), and dies with it.
+:func:`memoized_builder` returns for equal settings the very object that it returned before, so that what was compiled for it
+serves again. What is built is kept on the builder's first argument (a model, a filter, a smoother), and dies with it.
 
 >>> class Model:
 ...     '''Anything that can hold attributes.'''
->>> @built_once
+>>> @memoized_builder
 ... def squarer(model, power=2):
 ...     return lambda x: x**power
 >>> model = Model()
@@ -31,12 +31,12 @@ from jax import Array
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_MOST = 16
+_MAX = 16
 """Results of a builder that its first argument keeps; beyond, the one that was not asked for longest goes."""
-_SHELF = "_built"
+_CACHE_ATTR = "_built"
 
 
-def built_once(build: Callable[P, R]) -> Callable[P, R]:
+def memoized_builder(build: Callable[P, R]) -> Callable[P, R]:
     """Let a builder return what it built before for the same first argument and equal settings.
 
     Settings are equal if they are of the same types and values; arrays count by their contents, functions by identity. Builds
@@ -54,10 +54,10 @@ def built_once(build: Callable[P, R]) -> Callable[P, R]:
         key = None if shelves is None or _is_tracing() else _key(settings)
         if shelves is None or key is None:
             return cast(R, _with_model(build(*args, **kwargs), owner))
-        shelf = shelves.setdefault(_SHELF, {}).setdefault(build, OrderedDict())
+        shelf = shelves.setdefault(_CACHE_ATTR, {}).setdefault(build, OrderedDict())
         if key not in shelf:
             shelf[key] = _with_model(build(*args, **kwargs), owner)
-            if len(shelf) > _MOST:
+            if len(shelf) > _MAX:
                 shelf.popitem(last=False)
         shelf.move_to_end(key)
         return cast(R, shelf[key])
