@@ -65,7 +65,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
         frames=options["frames"],
         rate=options["rate"],
     )
-    told = [] if calibration.unit else ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+    told = [] if calibration.unit else ["the calibration does not state its unit; metres are assumed (--unit sets it)"]
     told += [] if recording.rate else [f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)"]
     for note in (*told, *recording.notes):
         progress.note(note)

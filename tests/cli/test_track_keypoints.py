@@ -30,7 +30,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
     told = "".join(capsys.readouterr())
-    assert "keypoints are taken for body25b" in told
+    assert "keypoints are read for body25b" in told
     assert "its calibration is off by" in told
     assert re.search(r"out.nc: (info|warning|error): .*out-laplace.nc: (info|warning|error): ", told, re.DOTALL)
     tree = load_result("out.nc")

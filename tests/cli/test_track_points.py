@@ -68,7 +68,7 @@ def test_lengths_have_the_unit_that_is_given(
     assert main(words(data_dir)) == main(words(data_dir, "--unit", "mm")) == 1
     metres, millimetres = (np.asarray(each.cameras.centre) for each in read)
     np.testing.assert_allclose(metres, 1000 * millimetres, rtol=1e-5)
-    assert capsys.readouterr().err.count("does not tell its unit, which is taken for metres") == 1
+    assert capsys.readouterr().err.count("does not state its unit; metres are assumed") == 1
 
 
 @pytest.mark.full

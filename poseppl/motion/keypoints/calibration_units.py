@@ -64,7 +64,7 @@ def infer_unit(
     ratios = np.array([ratio for pair in meeting_rays(cameras, people) for ratio in segment_ratios(pair.places, markers)])
     if len(ratios) < _MIN_SEGMENTS:
         raise InputError(
-            "the calibration does not tell its unit of length, and too little of a person is seen by two cameras to tell it",
+            "the calibration does not state its unit of length, and too little of a person is seen by two cameras to tell it",
             field="--unit",
             expected=", ".join(_UNITS),
         )
@@ -73,7 +73,7 @@ def infer_unit(
     stature = STATURE * middle * MM_PER_UNIT[name] / MM_PER_UNIT["m"]
     if not 1 / LARGEST_FACTOR <= stature / STATURE <= LARGEST_FACTOR:
         raise InputError(
-            f"the calibration does not tell its unit of length, and in {name} the person would be {stature:.2g} m tall",
+            f"the calibration does not state its unit of length, and in {name} the person would be {stature:.2g} m tall",
             field="--unit",
             expected=f"{', '.join(_UNITS)}, or how many mm it has, perhaps {1000 / middle:.3g}",
         )

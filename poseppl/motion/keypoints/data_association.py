@@ -83,8 +83,8 @@ class Association(NamedTuple):
                 wrong = np.flatnonzero(self.swaps[:, c, number] > 0.5)
                 if wrong.size:
                     told.append(
-                        f"{camera}: left and right {pair} are exchanged in {wrong.size} frames ({_some(frames[wrong])}); this "
-                        "is mended (--keep-detections takes them as they are)"
+                        f"{camera}: left and right {pair} are swapped in {wrong.size} frames ({_some(frames[wrong])}); this "
+                        "is corrected (--keep-detections disables it)"
                     )
             doubtful = np.flatnonzero(self.identity[:, c] < SURE)
             if doubtful.size:

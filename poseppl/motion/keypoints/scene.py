@@ -45,20 +45,20 @@ from poseppl.motion.tracking.scene import MIN_CONFIDENCE, Scene, noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 
 TOLD_ANGLE, TOLD_POSITION = 0.5, 20.0
-"""A camera that is turned by more degrees or moved by more mm than these is told of."""
+"""A camera that is turned by more degrees or moved by more mm than these is reported."""
 MIN_AGREEMENT = 0.5
-"""A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
+"""A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is reported."""
 LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
 MIN_ABSENCE = 5
-"""Frames in a row in which no camera sees the person that are told of."""
+"""Frames in a row in which no camera sees the person that are reported."""
 MIN_MARKERS = 1 / 3
 """Points with names of their own are of a person if at least this share of the body's markers is among them."""
 MIN_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _ASSUMED = (
-    "the person is taken to be {:.2f} +- {:.2f} m tall, as these cameras do not tell (--stature, --lengths): one who is taller "
-    "by a hundredth is farther away by a hundredth, too, which intervals {} in them"
+    "the person is taken to be {:.2f} +- {:.2f} m tall (SD), because these cameras cannot tell; --stature or --lengths set it. "
+    "A person who is 1 % taller is 1 % farther away, which the intervals {}"
 )
 
 
@@ -66,8 +66,8 @@ def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
     """A sentence for each camera that is turned or moved by much, the worst first."""
     turns, shifts = np.rad2deg(np.linalg.norm(refined.turn, axis=-1)), np.linalg.norm(refined.shift, axis=-1)
     return [
-        f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is mended "
-        "(--keep-calibration takes it as it is)"
+        f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is "
+        "corrected (--keep-calibration disables it)"
         for c in np.argsort(-turns)
         if turns[c] > TOLD_ANGLE or shifts[c] > TOLD_POSITION
     ]
@@ -81,8 +81,8 @@ def _absence_notes(seen: NDArray[np.bool_], numbers: Integers) -> list[str]:
         return []
     longest = numbers[max(stretches, key=len)]
     return [
-        f"no camera sees the person in {sum(map(len, stretches))} of {len(seen)} frames, the longest time from frame "
-        f"{longest[0]} to {longest[-1]}: what is told of these is foretold"
+        f"no camera sees the person in {sum(map(len, stretches))} of {len(seen)} frames, the longest gap from frame "
+        f"{longest[0]} to {longest[-1]}; positions there are predictions"
     ]
 
 
@@ -140,9 +140,9 @@ class KeypointScene(NamedTuple):
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
         known = f"for {self.layout} (--layout)" if self.layout else "by their names"
-        told = [f"keypoints are taken {known}", *self.told]
+        told = [f"keypoints are read {known}", *self.told]
         if self.size == "assumed":
-            alone = "have" if len(self.scene.camera_names) == 1 else "do not have"
+            alone = "include" if len(self.scene.camera_names) == 1 else "do not include"
             told.append(_ASSUMED.format(*(value / 1000 for value in POPULATION), alone))
         if self.detector_errors is not None:
             told.append(f"the detector's errors are those of {self.detector_errors.source}")
@@ -150,18 +150,18 @@ class KeypointScene(NamedTuple):
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
             if share < MIN_AGREEMENT:
                 told.append(
-                    f"{name}: whom it sees is the person of the others in {share:.0%} of its frames: its calibration or its "
-                    "clock is wrong, or exchanged with another's"
+                    f"{name}: the person it sees is the others' in {share:.0%} of its frames; its calibration or its clock is "
+                    "wrong, or another camera's"
                 )
         told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
         told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
         if self.num_leaps:
-            told.append(f"{self.num_leaps} points leap, and back, and count as not seen (--keep-detections keeps them)")
+            told.append(f"{self.num_leaps} points leap away and back, and count as not seen (--keep-detections keeps them)")
         for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
             if np.linalg.norm(bias) > LARGEST_BIAS * scale:
                 told.append(
-                    f"{name}: points lie ({bias[0]:+.0f}, {bias[1]:+.0f}) px from where the others see them, beside a noise of "
-                    f"{scale:.0f} px: its calibration, or another's, may be off"
+                    f"{name}: points lie ({bias[0]:+.0f}, {bias[1]:+.0f}) px from where the others see them, with a noise of "
+                    f"{scale:.0f} px; its calibration, or another's, may be wrong"
                 )
         return told
 
@@ -266,10 +266,12 @@ def _in_mm(
     if given.unit is not None:
         return records, []
     if len(records) == 1:
-        return records, ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+        return records, ["the calibration does not state its unit; metres are assumed (--unit sets it)"]
     names = [record.name for record in records]
     records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
-    told = f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
+    told = (
+        f"the calibration's unit is {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit sets another)"
+    )
     return records, [told]
 
 

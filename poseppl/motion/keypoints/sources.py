@@ -235,7 +235,7 @@ def _found_offsets(
             low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
             notes.append(
                 f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
-                f"{high:+.1f}); this is mended (--offset gives another, --keep-clocks takes numbers of frames as they are)"
+                f"{high:+.1f}); this is corrected (--offset sets another, --keep-clocks disables it)"
             )
     return late, notes
 

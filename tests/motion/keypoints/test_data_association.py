@@ -59,7 +59,7 @@ def test_limbs_exchanged_in_a_tenth_of_the_frames_are_put_right(
     found = scene_of_keypoints(exchanged, records, rate=60, clocks=Clocks(60.0, find=False))
     associated: Any = found.associated
     assert np.array_equal(associated.swaps > 0.5, wrong)
-    assert f"left and right legs are exchanged in {wrong[:, 0, 1].sum()} frames" in " ".join(found.notes())
+    assert f"left and right legs are swapped in {wrong[:, 0, 1].sum()} frames" in " ".join(found.notes())
     untouched = scene_of_keypoints(true, records, rate=60, clocks=Clocks(60.0, find=False), refine=False, mend=False)
     assert np.array_equal(associated.points, untouched.scene.data.points, equal_nan=True)
     assert found.scene.data.faults["swaps"].shape == (100, 2, 2)
