@@ -102,7 +102,7 @@ class InputFile(click.Path):
     """
 
     def __init__(self, *, folders: bool = False, paths: Callable[[str], Iterable[str]] = lambda word: [word]) -> None:
-        super().__init__()
+        super().__init__(readable=False)  # check says more than click does
         self._folders, self._paths = folders, paths
 
     def check(self, word: str, option: str) -> None:
