@@ -29,7 +29,8 @@ from poseppl.cli.console import start_jax
 from poseppl.motion.geometry import project
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
-from poseppl.motion.keypoints.scene import KeypointScene, scene_of_keypoints
+from poseppl.motion.keypoints.keypoint_scene import KeypointScene
+from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 
 SETS = ((1,), (2,), (3,), (4,), (1, 4), (2, 4), (1, 2, 4))

@@ -20,8 +20,8 @@ from poseppl_papers.tables import Table, shown
 from benchmarks.timing import DATA, arguments
 from poseppl.cli.console import start_jax
 from poseppl.motion.keypoints.clocks import Clock
+from poseppl.motion.keypoints.keypoint_scene import MIN_AGREEMENT
 from poseppl.motion.keypoints.people import associate_person
-from poseppl.motion.keypoints.scene import MIN_AGREEMENT
 from poseppl.motion.keypoints.sources import MIN_OFFSET, SURE, find_offsets
 from poseppl.motion.tracking.placing import cameras_of_records
 from studies.kept_runs import keep_run, read_runs

@@ -34,7 +34,8 @@ from poseppl.motion.bodies.opensim import Coordinate, opensim_coordinates, opens
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.keypoints.scene import KeypointScene, scene_of_keypoints
+from poseppl.motion.keypoints.keypoint_scene import KeypointScene
+from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.sources import Clocks
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import Estimates, angle_estimates, place_estimates

@@ -16,7 +16,7 @@ from benchmarks.timing import DATA, show
 from poseppl.cli.console import start_jax
 from poseppl.motion.geometry import project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.keypoints.scene import KeypointScene
+from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from studies.balancing import read_triangulation
 from studies.keypoints import RATE, adjusted_cameras, coverage, held, places_of, scene_of
 

@@ -13,7 +13,7 @@ from poseppl.compilation import double_precision
 from poseppl.motion.keypoints.detector_errors import GAUSSIAN, DetectorErrors
 from poseppl.motion.keypoints.detector_fit import fit_detector
 from poseppl.motion.keypoints.held_out_cameras import SeenPoints, draw_places, log_predictions, probabilities, seen_points
-from poseppl.motion.keypoints.scene import KeypointScene
+from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 
 LEVELS = np.arange(1, 10) / 10

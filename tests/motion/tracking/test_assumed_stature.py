@@ -16,7 +16,8 @@ from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.io import read_calibration
 from poseppl.motion.io.openpose import read_openpose
-from poseppl.motion.keypoints.scene import KeypointScene, scene_of_keypoints
+from poseppl.motion.keypoints.keypoint_scene import KeypointScene
+from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, problem_of_result, smooth, track
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, at_mean_stature, stature_draws
 from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
