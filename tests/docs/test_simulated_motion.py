@@ -50,7 +50,9 @@ def test_goals_that_are_not():
 @pytest.mark.full
 def test_a_goal_that_the_posterior_itself_misses():
     last = told(ERRORS, ERRORS + 20)[-1]
-    assert last.endswith("does not hold (61.0 (60.7 to 61.2), and its 90 % intervals hold 90.1 (90.1 to 90.1) %).")
+    assert last.endswith(
+        "does not hold (61.0 (60.7 to 61.2), and the coverage of its 90 % intervals is 90.1 (90.1 to 90.1) %)."
+    )
 
 
 @pytest.mark.full

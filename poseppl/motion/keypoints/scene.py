@@ -70,10 +70,8 @@ def scene_of_keypoints(
     """Read what a detector found, and pick one person.
 
     Args:
-        folders: Files or folders of keypoints by the names of their cameras, or what was read of them; frames of the same
-            number are of one time, but for what ``clocks`` knows.
-        calibration: The calibrated cameras, those without keypoints are left out; where their unit is unknown, the person's
-            size tells it.
+        folders: Files or folders of keypoints by the names of their cameras, or what was read of them.
+        calibration: The calibrated cameras; those without keypoints are left out. An unknown unit is found from the person.
         model: Builder of the body.
         layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
         detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
@@ -84,8 +82,8 @@ def scene_of_keypoints(
         rate: Frames a second; None where unknown.
         stature: Of the person, mm; if None, lengths are measured, or those of a mean adult assumed where cameras do not tell.
         lengths: A TOML file of segment lengths, mm, that are known.
-        refine: Whether small errors of the cameras' poses are sought and mended.
-        mend: Whether detections of others, limbs that the detector exchanged, and points that leap are sought and mended.
+        refine: Whether small errors of the cameras' poses are corrected.
+        mend: Whether detections of others, limbs that the detector swapped, and points that leap are corrected.
         detector_errors: What is known of the detector's errors, in place of ``noise``; None if the data are to tell.
 
     Raises:
@@ -94,8 +92,8 @@ def scene_of_keypoints(
     given = calibration if isinstance(calibration, Calibration) else Calibration(tuple(calibration), "mm")
     known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
-    build = body_builder(model)
-    check_markers(people[0], build(None).tree.marker_names)
+    markers = body_builder(model)(None).tree.marker_names
+    check_markers(people[0], markers)
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
     check_inputs([known[name] for name in folders], people, clocks)
     records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
@@ -103,9 +101,9 @@ def scene_of_keypoints(
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
     chosen = associate_person(cameras, people, pace := clocks.rate / step, person)
-    bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
+    bodies = [with_markers(found, markers) for found in people]
     points, confidence = points_of(bodies, chosen)
-    records, up_note = _with_z_up(given, records, points, confidence, bodies[0].names)
+    records, up_note = _with_z_up(given, records, points, confidence, markers)
     cameras = cameras_of_records(records)
     sizes = np.array([record.size for record in records], float)
     far = MIN_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
@@ -118,9 +116,7 @@ def scene_of_keypoints(
     leaping, points = points, despike(points, far)
     num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
-    size = _size(stature, lengths, places)
-    known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
-    body = build(measured_lengths(build(None), places) if size == "measured" else known_lengths)
+    size, body = _sized_body(model, stature, lengths, places)
     errors = _errors(body, cameras, points, places)
     spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
@@ -135,11 +131,16 @@ def scene_of_keypoints(
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
 
 
-def _size(stature: float | None, lengths: FilePath | None, places: Floats) -> Literal["given", "measured", "assumed"]:
-    """How the person's size is known, of whom there are places (T, K, 3)."""
+def _sized_body(
+    model: str, stature: float | None, lengths: FilePath | None, places: Floats
+) -> tuple[Literal["given", "measured", "assumed"], Body]:
+    """How the person's size is known, of whom there are places (T, K, 3), and the body of that size."""
+    build = body_builder(model)
     if stature is not None or lengths is not None:
-        return "given"
-    return "measured" if np.isfinite(places).all(-1).any() else "assumed"
+        return "given", build(subject_lengths(model, stature, lengths))
+    if np.isfinite(places).all(-1).any():
+        return "measured", build(measured_lengths(build(None), places))
+    return "assumed", build(subject_lengths(model, POPULATION[0], lengths))
 
 
 def _in_mm(
