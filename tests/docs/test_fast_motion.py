@@ -57,4 +57,4 @@ def test_halving_is_judged_by_intervals_of_paired_runs(errors: dict[str, list[fl
     ("coverage", "verdict"), [(0.9, "holds; on 1 (a)."), (0.84, "does not hold; on none."), (0.96, "does")]
 )
 def test_intervals_are_judged_by_their_coverage(coverage: float, verdict: str) -> None:
-    assert told(coverage, a=FIXED)[-1].startswith(f"- Their 90 % intervals hold 85 to 95 %: {verdict}")
+    assert told(coverage, a=FIXED)[-1].startswith(f"- The coverage of their 90 % intervals is 85 to 95 %: {verdict}")
