@@ -36,12 +36,10 @@ def _package(package: str) -> str:
     lines = [*_title(package), f".. automodule:: {package}", "   :no-members:", ""]
     if exports(package):
         lines += [".. rubric:: Names", "", *_table((each.name, each.module, each.name) for each in exports(package))]
-    elif package != "poseppl_models":
-        lines += [".. rubric:: Modules", ""]
-    else:
-        lines += [".. autodata:: poseppl_models.BODIES", "", ".. rubric:: Models", ""]
-    if not exports(package):
-        lines += _table((module.rpartition(".")[2], module, None) for module in modules)
+    if package == "poseppl_models":
+        lines += [".. autodata:: poseppl_models.BODIES", ""]
+    if modules and not exports(package):
+        lines += [".. rubric:: Modules", "", *_table((module.rpartition(".")[2], module, None) for module in modules)]
     if modules:
         lines += [".. toctree::", "   :hidden:", "", *(f"   {module}" for module in modules), ""]
     return "\n".join(lines)
