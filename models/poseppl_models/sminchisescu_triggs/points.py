@@ -32,7 +32,7 @@ GAUSSIAN = 1e5
 """nu at which it is a Gaussian: at 27 standard deviations, 711 of squared error, rho is 708."""
 
 
-class PointInputs(NamedTuple):
+class RobustPointInputs(NamedTuple):
     """Inputs of one frame.
 
     Attributes:
@@ -68,7 +68,7 @@ def point_programs(kind: Kind = "full", *, limits: Limits = "support", parts: bo
     body = superquadric_body(kind)
     repelled = non_penetration_residuals(body.flesh.names)
 
-    def observe(params: Any, pose: Array, inputs: PointInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: RobustPointInputs) -> None:
         points = ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise)
         numpyro.sample("points", Lorentzian(points.to_event(1), inputs.strength))
         if parts:
@@ -78,11 +78,11 @@ def point_programs(kind: Kind = "full", *, limits: Limits = "support", parts: bo
     return limited_body(body, limits, observe)
 
 
-def point_inputs(*known: Any, robust: bool = True) -> PointInputs:
-    """Inputs of a frame, the fields of :class:`PointInputs` up to the flesh being given.
+def point_inputs(*known: Any, robust: bool = True) -> RobustPointInputs:
+    """Inputs of a frame, the fields of :class:`RobustPointInputs` up to the flesh being given.
 
     Args:
         known: Cameras, noise, start, start_scale, step_scale, tree and flesh.
         robust: Whether errors are Lorentzian; otherwise Gaussian.
     """
-    return PointInputs._make((*known, jnp.asarray(STRENGTH if robust else GAUSSIAN, float)))
+    return RobustPointInputs._make((*known, jnp.asarray(STRENGTH if robust else GAUSSIAN, float)))

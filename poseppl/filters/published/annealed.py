@@ -69,7 +69,7 @@ class _Layer(NamedTuple):
 Keys = tuple[Array, Array]
 Disperse = Callable[[Array, Array, Array], Array]
 """`(rng_key, centres (N, d), tau^(R - r)) -> particles (N, d)` of a later layer."""
-Predict = Callable[[Keys, Array | None, Any], tuple[Array, Disperse]]
+PredictParticles = Callable[[Keys, Array | None, Any], tuple[Array, Disperse]]
 """`(two keys, particles before (N, d) or None, inputs)` to the first layer's particles (N, d), and how later ones disperse."""
 
 
@@ -141,7 +141,7 @@ def annealing_of(
     return Annealing(num_layers, survival, groups, resampling_scheme(resampling))
 
 
-def predict_by_transition(model: CompiledModel, num_particles: int, diffusion: Array | None) -> Predict:
+def predict_by_transition(model: CompiledModel, num_particles: int, diffusion: Array | None) -> PredictParticles:
     """Draws of the transition, at the first frame of the initial program; P as given, or from pairs of draws."""
 
     def predict(rng_keys: Keys, previous: Array | None, inputs: Any) -> tuple[Array, Disperse]:
@@ -162,7 +162,7 @@ def predict_by_transition(model: CompiledModel, num_particles: int, diffusion: A
     return predict
 
 
-def annealing_filter(model: CompiledModel, num_particles: int, settings: Annealing, predict: Predict) -> Filter:
+def annealing_filter(model: CompiledModel, num_particles: int, settings: Annealing, predict: PredictParticles) -> Filter:
     """Build an annealed filter from how its particles are predicted and dispersed."""
 
     def values_of(particles: Array, data: tuple[Observation, Any]) -> Array:
