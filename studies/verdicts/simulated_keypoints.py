@@ -123,7 +123,7 @@ def clocks(tables: Tables) -> str:
         "recordings",
         "offset, frames",
         "largest",
-        "told deviation",
+        "reported SD",
         "in 90 % intervals",
         "corrected",
         "cameras lost",
