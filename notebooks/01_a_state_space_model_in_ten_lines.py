@@ -234,7 +234,7 @@ plot_inefficiency(chains)
 picture = new_picture(9, 3.2)
 axes = picture.add_subplot()
 axes.axvspan(hidden.start - 0.5, hidden.stop - 0.5, color="0.93")
-swarm, walked = (tree["summary/state_quantile"].sel(dof="position", quantile=[0.05, 0.95]) for tree in (result, chains))
+swarm, walked = (tree["summary/state_quantile"].sel(state_dim="position", quantile=[0.05, 0.95]) for tree in (result, chains))
 exact = exact_mean[:, :1] + 1.645 * exact_sd[:, :1] * np.array([-1, 1])
 axes.fill_between(range(NUM_FRAMES), *swarm.values.T, color="tab:blue", alpha=0.3, label="particles")
 axes.plot(walked, "--", color="tab:orange", label=["chains", "_"])
@@ -253,10 +253,10 @@ picture
 # a misspelt site is refused by name
 assert "postion" in refusal
 # the hole widens the interval, and the next readings narrow it again
-deviation = result["summary/state_sd"].sel(dof="position").values
+deviation = result["summary/state_sd"].sel(state_dim="position").values
 assert deviation[51] > 1.5 * deviation[39] and deviation[51] > 1.5 * deviation[79]
 # fed frame by frame, the filter gives what it gives over the sequence
-np.testing.assert_allclose(live, result["summary/state_mean"].sel(dof="position"), atol=1e-3)
+np.testing.assert_allclose(live, result["summary/state_mean"].sel(state_dim="position"), atol=1e-3)
 # particles: means and evidence are Kalman's, and a wrong Kalman filter is found out
 assert np.abs(apart).max() < 5 < np.abs(mistaken).max()
 assert abs(evidence.sum() - exact_evidence.sum()) < 1.0

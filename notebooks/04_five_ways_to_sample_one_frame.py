@@ -61,7 +61,7 @@ print(f"mean {exact_mean.round(3)}, standard deviations {exact_spread.round(3)},
 # %% [markdown]
 # ## The five
 #
-# The first frame of a filter is exactly this problem, so `init` of five filters does it. `Info` counts what each of them
+# The first frame of a filter is exactly this problem, so `init` of five filters does it. `FilterInfo` counts what each of them
 # spends, in evaluations of the likelihood and of its gradient, and says what it believes to be worth: the effective
 # number of draws.
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from poseppl.errors import InputError as InputError, PosepplError as PosepplError
     from poseppl.filters import (
         Filter as Filter,
-        Info as Info,
+        FilterInfo as FilterInfo,
         assumed_density_filter as assumed_density_filter,
         ensemble_kalman_filter as ensemble_kalman_filter,
         guided_filter as guided_filter,
@@ -105,7 +105,7 @@ _HOMES = {
     "InputError": "errors",
     "PosepplError": "errors",
     "Filter": "filters",
-    "Info": "filters",
+    "FilterInfo": "filters",
     "assumed_density_filter": "filters",
     "ensemble_kalman_filter": "filters",
     "guided_filter": "filters",

@@ -31,7 +31,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.run import run_filter
-from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precisions
+from poseppl.smoothers.curvature import find_mode, safe_cholesky, trajectory_precisions
 from studies.fast_motion import RECORDINGS
 from studies.kept_runs import keep_run, read_runs
 from studies.random_walk import shared_problem, watch
@@ -44,7 +44,7 @@ NUM_STEPS = 40
 @partial(jax.jit, static_argnums=0)
 def mode_of(model: CompiledModel, start: Array, observations: Observation, inputs: Any) -> tuple[Array, Array]:
     """The mode (T, d) of a trajectory's density that is nearest to a start, and Laplace's log-mass, but for a constant."""
-    mode = climb(model, start, observations, inputs, NUM_STEPS)
+    mode = find_mode(model, start, observations, inputs, NUM_STEPS)
     inverses = safe_cholesky(trajectory_precisions(model, observations, inputs)(mode)).inverses
     volume = jnp.sum(jnp.log(jnp.diagonal(inverses, axis1=1, axis2=2)))
     return mode, model.log_joint(mode, observations, inputs) + volume

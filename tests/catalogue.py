@@ -59,7 +59,7 @@ class FilterRow(NamedTuple):
         num_replicates: Independent runs that the statistical laws make, at least 40.
         posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
         evidence_error: Relative error of a frame's evidence that comes from its approximation, at most.
-        genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
+        genealogy: Whether a particle descends from the ancestor that FilterInfo names, by the transition.
         equal_weights: Whether all particles of a frame weigh the same.
         variant: Whether it is a second setting of a filter that has a row: its laws are slow tests.
         costly: Whether it compiles long: its laws are slow tests, but for those of the posterior.

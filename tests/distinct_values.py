@@ -41,7 +41,7 @@ def distinct_result() -> xr.DataTree:
             "frames_run": 5,
         },
     )
-    grid, level = ("frame", "dof"), ("level",)
+    grid, level = ("frame", "state_dim"), ("level",)
     data = {
         "joint_error": (("frame", "marker"), 10.0 * (frames[:, None] + [1, 2, 6])),
         "joint_error_relative": (("frame", "marker"), 2.0 * (frames[:, None] + [1, 3, 5])),
@@ -56,7 +56,11 @@ def distinct_result() -> xr.DataTree:
     tree["diagnostics"] = xr.DataTree(
         xr.Dataset(
             data,
-            coords={"level": [0.5, 0.8, 0.9], "marker": ["knee", "ankle", "pelvis"], "dof": ["root.tx", "root.Z", "knee.X"]},
+            coords={
+                "level": [0.5, 0.8, 0.9],
+                "marker": ["knee", "ankle", "pelvis"],
+                "state_dim": ["root.tx", "root.Z", "knee.X"],
+            },
         )
     )
     return tree

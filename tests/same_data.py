@@ -15,7 +15,7 @@ MARKERS = ("pelvis", "knee", "ankle")
 
 
 def scene(num_frames: int = 40, seed: int = 0) -> dict[str, np.ndarray]:
-    """Centres of the posterior (frame, dof), a truth drawn from it, markers, and points of one camera."""
+    """Centres of the posterior (frame, state_dim), a truth drawn from it, markers, and points of one camera."""
     rng = np.random.default_rng(seed)
     centre = rng.standard_normal((num_frames, len(DOFS))).cumsum(axis=0)
     state = centre + rng.standard_normal(centre.shape)

@@ -117,7 +117,7 @@ def summary(tree: Any) -> list[tuple[str, str]]:
 
     rows = [
         ("input", str(known["input"])),
-        ("model", f"{known['model'].rpartition(':')[2]}, {sizes['dof']} coordinates"),
+        ("model", f"{known['model'].rpartition(':')[2]}, {sizes['state_dim']} coordinates"),
         ("filter", str(known["filter"])),
         ("smoother", known.get("smoother")),
         ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),

@@ -120,7 +120,7 @@ def reference_coverage(result: xr.DataTree, reference: xr.DataTree) -> Interval:
     """
     quantiles = group_of(result, "summary")["state_quantile"]
     low, high = (quantiles.sel(quantile=level, method="nearest").values for level in (0.05, 0.95))
-    draws = flat_draws(reference).transpose("chain", "draw", "frame", "dof").values
+    draws = flat_draws(reference).transpose("chain", "draw", "frame", "state_dim").values
     if draws.shape[2:] != low.shape:
         raise InputError(
             f"frames and coordinates {draws.shape[2:]}", field="reference", expected=f"those of the result, {low.shape}"

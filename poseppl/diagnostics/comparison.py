@@ -6,7 +6,7 @@
 >>> runs = {name: build_result(state=z, names=Names(("level",)), attrs={"wall_seconds": 0.3}) for name, z in draws.items()}
 >>> comparison = compare(runs)
 >>> comparison["figures/tau"].dims, comparison["winner/winner"].sel(quantity="ess_per_second").item()
-(('run', 'frame', 'dof'), 'long')
+(('run', 'frame', 'state_dim'), 'long')
 >>> comparison_table(comparison)[0]["run"]
 'short'
 """
@@ -45,15 +45,15 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         files: Where each was read from, for messages.
 
     Returns:
-        A tree of groups with the coordinates ``run``, ``frame``, ``dof``, ``level``, ``quantity`` and ``setting``:
+        A tree of groups with the coordinates ``run``, ``frame``, ``state_dim``, ``level``, ``quantity`` and ``setting``:
 
         * ``figures``: see :mod:`poseppl.diagnostics.run_figures`, with a dimension ``run``;
-        * ``summary``: over the frames, by ``run`` and ``dof``: means of ``tau`` and ``error``, the median of
+        * ``summary``: over the frames, by ``run`` and ``state_dim``: means of ``tau`` and ``error``, the median of
           ``error_over_sd``, harmonic means of ``ess``, ``ess_per_second`` and ``ess_per_evaluation``, the largest ``rhat``,
           and ``coverage`` with ``coverage_se`` by level; the same for all degrees of freedom together with ``_all`` behind
           the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
           ``joint_error_relative_all``; and who is ``miscalibrated``, and left out of comparisons of ESS;
-        * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
+        * ``winner`` and ``winner_by_state_dim``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
         * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`;
         * ``forecasts``: see :func:`poseppl.diagnostics.forecasts.forecasts_of_runs`.
@@ -81,8 +81,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         found.append(evidence_of_run(tree))
         known[name] = provenance(tree)
         foretold[name] = group_of(tree, "hindcasts")
-    coordinates = list(dict.fromkeys(name for part in parts for name in part["dof"].values.tolist()))
-    aligned = [part.reindex(dof=coordinates) for part in parts]
+    coordinates = list(dict.fromkeys(name for part in parts for name in part["state_dim"].values.tolist()))
+    aligned = [part.reindex(state_dim=coordinates) for part in parts]
     figures = xr.concat(aligned, dim="run", join="exact").assign_coords(run=list(runs))
     summary = summarise(figures)
     overall, each = compare_quantities(figures, summary["miscalibrated"])
@@ -90,7 +90,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         "figures": figures,
         "summary": summary,
         "winner": overall,
-        "winner_by_dof": each,
+        "winner_by_state_dim": each,
         "variance": variance_against_time(figures),
         "evidence": evidences(found, figures),
         "forecasts": forecasts_of_runs(foretold),
@@ -114,10 +114,10 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
     data: dict[str, Any] = {}
     for name, values in cells.items():
         reduced = _FORMS.get(str(name), xr.DataArray.mean)
-        data |= {str(name): reduced(values, "frame"), f"{name}_all": reduced(values, ("frame", "dof"))}
-    data["tau_median_all"] = cells["tau"].median(("frame", "dof"))
+        data |= {str(name): reduced(values, "frame"), f"{name}_all": reduced(values, ("frame", "state_dim"))}
+    data["tau_median_all"] = cells["tau"].median(("frame", "state_dim"))
     data |= {f"{name}_all": values.mean("frame") for name, values in frames.items()}
-    for ending, trials in (("", ["frame"]), ("_all", ["frame", "dof"])):
+    for ending, trials in (("", ["frame"]), ("_all", ["frame", "state_dim"])):
         data[f"coverage{ending}"], data[f"coverage_se{ending}"] = xr.apply_ufunc(
             _coverage,
             figures["inside"],
@@ -137,13 +137,13 @@ def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
         tree: Of :func:`compare`.
 
     Returns:
-        Rows of ``run``, ``frame``, ``dof``, the figures by their names, ``inside_50``, ``inside_80`` and ``inside_90``; figures
-        of a whole frame are repeated on each of its rows. What a run has no figure for is None.
+        Rows of ``run``, ``frame``, ``state_dim``, the figures by their names, ``inside_50``, ``inside_80`` and ``inside_90``;
+        figures of a whole frame are repeated on each of its rows. What a run has no figure for is None.
     """
     figures = tree["figures"].dataset
     inside = figures["inside"].assign_coords(level=[f"inside_{100 * q:.0f}" for q in figures["level"].values])
     columns = _finite(figures[[*_BY_CELL, *_BY_FRAME]]).assign(inside.to_dataset("level"))
-    rows = columns.to_dataframe(dim_order=["run", "frame", "dof"]).reset_index().to_dict("records")
+    rows = columns.to_dataframe(dim_order=["run", "frame", "state_dim"]).reset_index().to_dict("records")
     return [{str(name): None if value != value else value for name, value in row.items()} for row in rows]
 
 

@@ -1,11 +1,12 @@
 """All diagnostics of a result, as one more group of its tree.
 
-For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, dof) and ``autocorrelation``
-(lag, frame, dof) come from the draws that the result holds: where the run kept every k-th draw, they refer to those.
+For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim) and ``autocorrelation``
+(lag, frame, state_dim) come from the draws that the result holds: where the run kept every k-th draw, they refer to those.
 For weighted particles the stored draws are a resampled thinning and tell nothing of the kind; ``ess`` is the effective number
 of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
 ``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are besides ``joint_error`` and
-``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, dof), ``probability_transform`` (frame, dof), and the
+``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, state_dim), ``probability_transform`` (frame,
+                         state_dim), and the
 coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the state, and
 ``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
 """
@@ -27,7 +28,7 @@ from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
 _BLOCK_BYTES = 2**26
-_GRID = ("frame", "dof")
+_GRID = ("frame", "state_dim")
 
 
 def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:

@@ -91,7 +91,7 @@ def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
             masses[row, label] = (labels == label).mean()
             means[row, label] = draws[frame][labels == label].mean(0)
     most = int((masses > 0).any(0).sum())
-    names = names_of(tree, "marker" if name == "markers" else "dof")
+    names = names_of(tree, "marker" if name == "markers" else "state_dim")
     return Modes(frame_numbers(tree)[wanted], masses[:, :most], means[:, :most], names)
 
 

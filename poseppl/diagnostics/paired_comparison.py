@@ -93,8 +93,8 @@ def compare_quantities(figures: xr.Dataset, miscalibrated: xr.DataArray) -> tupl
         miscalibrated: (run,) who does not take part where it is about ESS.
 
     Returns:
-        Two datasets over ``quantity``, the first for all degrees of freedom together, the second for each ``dof``: ``winner``
-        (the name of a run, "tie", or empty without a comparison), and ``not_worse``, ``ratio``, ``ratio_low`` and
+        Two datasets over ``quantity``, the first for all degrees of freedom together, the second for each ``state_dim``:
+        ``winner`` (the name of a run, "tie", or empty without a comparison), and ``not_worse``, ``ratio``, ``ratio_low`` and
         ``ratio_high`` (quantity, ..., run) of :class:`PairedComparison`.
     """
     each = [_losses(figures, quantity).where(~miscalibrated | (quantity == "error")) for quantity in QUANTITIES]
@@ -118,7 +118,7 @@ def _of_all(figures: xr.Dataset, quantity: str, losses: xr.DataArray) -> xr.Data
         return xr.full_like(joint, np.nan)
     if quantity == "error":
         losses = losses / losses.mean(("run", "frame"))
-    return losses.isel(dof=free.values).mean("dof", skipna=False)
+    return losses.isel(state_dim=free.values).mean("state_dim", skipna=False)
 
 
 def _outcomes(losses: xr.DataArray) -> xr.Dataset:

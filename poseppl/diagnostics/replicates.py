@@ -20,7 +20,7 @@ from poseppl.diagnostics.batches import mean_interval
 
 
 class Spread(NamedTuple):
-    """Variance of a mean over the posterior variance, and its standard error: each (dof,), or of all together."""
+    """Variance of a mean over the posterior variance, and its standard error: each (state_dim,), or of all together."""
 
     variance: Floats
     standard_error: Floats
@@ -34,7 +34,8 @@ def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
 
     Returns:
         Over ``setting``, whose name is that of its first run: ``method``, ``replicates`` (seeds), ``seconds`` (a frame),
-        ``seconds_se``, ``variance`` and ``variance_se``, and by ``dof`` ``variance_by_dof`` and ``variance_by_dof_se``.
+        ``seconds_se``, ``variance`` and ``variance_se``, and by ``state_dim`` ``variance_by_state_dim`` and
+        ``variance_by_state_dim_se``.
     """
     reference = (figures["sd"] ** 2).median("run", skipna=False)
     groups = settings_of_runs(figures)
@@ -52,10 +53,10 @@ def _point(runs: xr.Dataset, reference: xr.DataArray) -> xr.Dataset:
         "seconds_se": seconds.std(ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else np.nan,
         "variance": total,
         "variance_se": total_error,
-        "variance_by_dof": ("dof", each),
-        "variance_by_dof_se": ("dof", each_error),
+        "variance_by_state_dim": ("state_dim", each),
+        "variance_by_state_dim_se": ("state_dim", each_error),
     }
-    return xr.Dataset(data, coords={"dof": runs["dof"].values})
+    return xr.Dataset(data, coords={"state_dim": runs["state_dim"].values})
 
 
 def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
@@ -71,10 +72,10 @@ def _spread(runs: xr.Dataset, reference: xr.DataArray) -> tuple[Spread, Spread]:
     """Of all degrees of freedom together, and of each."""
     if runs.sizes["run"] > 1:
         squares = (runs["mean"] - runs["mean"].mean("run", skipna=False)) ** 2 / reference
-        return _between(squares.mean(("frame", "dof")).values), _between(squares.mean("frame").values)
+        return _between(squares.mean(("frame", "state_dim")).values), _between(squares.mean("frame").values)
     inverse = 1 / runs["ess"].isel(run=0)
-    each = np.array([mean_interval(inverse.isel(dof=dof))[:2] for dof in range(inverse.sizes["dof"])]).T
-    return Spread(*np.array(mean_interval(inverse.mean("dof"))[:2])), Spread(*each)
+    each = np.array([mean_interval(inverse.isel(state_dim=state_dim))[:2] for state_dim in range(inverse.sizes["state_dim"])]).T
+    return Spread(*np.array(mean_interval(inverse.mean("state_dim"))[:2])), Spread(*each)
 
 
 def _between(squares: Floats) -> Spread:

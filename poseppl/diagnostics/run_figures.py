@@ -1,7 +1,7 @@
 r"""The figures of one run for a comparison, each over frames and degrees of freedom, NaN where a run has none.
 
 =========================  ==============================================================================================
-``tau`` (frame, dof)       Inefficiency factor: for chains draws / ESS as ArviZ has it, from the draws that the result
+``tau`` (frame, state_dim)       Inefficiency factor: for chains draws / ESS as ArviZ has it, from the draws that the result
                            holds; for weighted particles their number over the effective number of their weights (Choo
                            and Fleet 2001, Eq. 6), the same for every degree of freedom.
 ``ess``                    Draws, or particles, over tau. The ESS of weights cannot see that particles share an ancestor.
@@ -57,7 +57,7 @@ def figures_of_run(tree: xr.DataTree) -> xr.Dataset:
     data = _mixing(whole, kind, seconds) | _accuracy(whole) | described(known)
     spent = _seconds(known, whole["posterior"].sizes["frame"], "cpu_seconds")
     data |= {"kind": kind, "draws": _draws(whole), "seconds": seconds, "cpu_seconds": spent}
-    return xr.Dataset(data).assign_coords(dof=names_of(whole, "dof"), level=list(LEVELS))
+    return xr.Dataset(data).assign_coords(state_dim=names_of(whole, "state_dim"), level=list(LEVELS))
 
 
 def kind_of_run(tree: xr.DataTree) -> str:
@@ -107,7 +107,7 @@ def _nothing(tree: xr.DataTree, *dims: str) -> xr.DataArray:
 
 def _mixing(tree: xr.DataTree, kind: str, seconds: float) -> dict[str, Any]:
     found, stats = tree["diagnostics"].dataset, group_of(tree, "sample_stats")
-    nothing, of_frames = _nothing(tree, "frame", "dof"), _nothing(tree, "frame")
+    nothing, of_frames = _nothing(tree, "frame", "state_dim"), _nothing(tree, "frame")
     tau, ess, rhat = (nothing if kind == FORMULA else found.get(name, nothing) for name in ("tau", "ess", "rhat"))
     total = sum((stats[name] for name in ("num_likelihood", "num_gradient") if name in stats), xr.zeros_like(of_frames))
     evaluations = total.where(total > 0)
@@ -124,7 +124,7 @@ def _mixing(tree: xr.DataTree, kind: str, seconds: float) -> dict[str, Any]:
 
 def _accuracy(tree: xr.DataTree) -> dict[str, Any]:
     summary, found, truth = (group_of(tree, name) for name in ("summary", "diagnostics", "truth"))
-    nothing, of_frames = _nothing(tree, "frame", "dof"), _nothing(tree, "frame")
+    nothing, of_frames = _nothing(tree, "frame", "state_dim"), _nothing(tree, "frame")
     mean, spread = (summary[f"state_{name}"].astype(float) for name in ("mean", "sd"))
     true = truth.get("state", nothing)
     error = abs(mean - true.copy(data=nearest_turn(tree, true.values, mean.values)))

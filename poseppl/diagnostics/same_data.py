@@ -49,7 +49,7 @@ def data_of(tree: xr.DataTree) -> Data:
     """
     cameras = {str(name): values.values for name, values in group_of(tree, "camera").variables.items()}
     observed, truth = (arrays_of(tree, group) for group in ("observed_data", "truth"))
-    return Data(frame_numbers(tree), tuple(names_of(tree, "dof")), observed, truth, cameras)
+    return Data(frame_numbers(tree), tuple(names_of(tree, "state_dim")), observed, truth, cameras)
 
 
 def difference(first: Data, second: Data) -> str | None:

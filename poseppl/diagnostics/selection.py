@@ -112,7 +112,7 @@ def worst_pairs(tree: xr.DataTree, most: int) -> list[tuple[int, int]]:
         most: How many pairs at most, each of another coordinate.
 
     Returns:
-        Pairs (frame index, dof index), the largest inefficiency factor first.
+        Pairs (frame index, state_dim index), the largest inefficiency factor first.
     """
     tau = variable(tree, "diagnostics", "tau")
     if tau is None or np.isnan(tau).all():
@@ -120,7 +120,7 @@ def worst_pairs(tree: xr.DataTree, most: int) -> list[tuple[int, int]]:
     filled = np.nan_to_num(tau, nan=-1.0)
     frames = filled.argmax(axis=0)
     order = np.argsort(-filled.max(axis=0), kind="stable")[:most]
-    return [(int(frames[dof]), int(dof)) for dof in order if filled[frames[dof], dof] > 0]
+    return [(int(frames[state_dim]), int(state_dim)) for state_dim in order if filled[frames[state_dim], state_dim] > 0]
 
 
 def has_chains(tree: xr.DataTree) -> bool:

@@ -101,7 +101,7 @@ def _effective(draws: Floats | None) -> Floats:
 
 
 def _weighed(numerator: Floats, denominator: Floats, scale: Floats) -> Interval:
-    """Sum over sum of (frame, dof), each coordinate in units of its scale (dof,); those without are left out."""
+    """Sum over sum of (frame, state_dim), each coordinate in units of its scale (state_dim,); those without are left out."""
     free = np.isfinite(scale) & (scale > 0)
     if not free.any():
         return UNKNOWN

@@ -1,7 +1,7 @@
 """Filters: one algorithm a file, each a pair of pure functions `init` and `step`."""
 
 from poseppl.filters.assumed_density import assumed_density_filter as assumed_density_filter
-from poseppl.filters.base import Filter as Filter, FilterState as FilterState, Info as Info
+from poseppl.filters.base import Filter as Filter, FilterInfo as FilterInfo, FilterState as FilterState
 from poseppl.filters.chains import ChainState as ChainState
 from poseppl.filters.ensemble_kalman import (
     EnsembleState as EnsembleState,

@@ -34,7 +34,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least, check_fraction
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, filter_info, filter_of_steps
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, effective_draws, effective_share, mask_failed
 from poseppl.filters.mode_chains import CANDIDATES, MODE_POWER, chains_from_modes
 from poseppl.gaussians.chain_mixture import fit_mixture
@@ -99,7 +99,7 @@ def assumed_density_filter(
         draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, *mean.shape))
         return chain_state(draws, jnp.log(jnp.asarray(settings.step_size, mean.dtype)), started=False)
 
-    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, FilterInfo]:
         first = ~state.started
         prior, factors, log_prior = _prior(model, state, first, inputs, num_components)
         key_climb, key_move, key_chains = jax.random.split(rng_key, 3)

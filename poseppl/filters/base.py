@@ -38,7 +38,7 @@ class FilterState(Protocol):
         """Log-weights (...), one for each particle."""
 
 
-class Info(NamedTuple):
+class FilterInfo(NamedTuple):
     """Diagnosis of one frame; every filter fills every field, by :func:`filter_info`.
 
     Attributes:
@@ -75,12 +75,12 @@ def filter_info(
     acceptance: Any = 1.0,
     divergences: Any = 0,
     step_size: Any = math.nan,
-) -> Info:
+) -> FilterInfo:
     """Fill in a diagnosis, in the dtype of `log_evidence`; N for `ancestors` stands for particles of which each is its own."""
     dtype, own = log_evidence.dtype, ancestors
     if isinstance(ancestors, int):
         own = np.arange(ancestors, dtype=np.int32)  # of NumPy: known when a program is traced
-    return Info(
+    return FilterInfo(
         log_evidence=log_evidence,
         ess=jnp.asarray(ess, dtype),
         ancestors=own,
@@ -126,19 +126,19 @@ class Filter:
             nothing but `step` is then compiled.
         closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
         evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
-            of `Info`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode and does
-            not sample the posterior.
+            of `FilterInfo`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode
+            and does not sample the posterior.
         points: How many points carry a posterior to the next frame, by their mixture; None where weighted particles do, whose
-            effective number `Info` tells, or a distribution.
-        genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
+            effective number `FilterInfo` tells, or a distribution.
+        genealogy: Whether a particle descends from the one of the frame before that `FilterInfo.ancestors` names.
         differentiable: Whether the evidence's derivative by params is that of what it estimates, and not one that leaves out
             that moves are accepted or refused.
         model: The model; None for a filter whose builder is not decorated with
             :func:`~poseppl.program.memoized_builder.memoized_builder`, which sets it.
     """
 
-    init: Callable[[Array, Any, Any], tuple[Any, Info]]
-    step: Callable[[Array, Any, Any, Any], tuple[Any, Info]]
+    init: Callable[[Array, Any, Any], tuple[Any, FilterInfo]]
+    step: Callable[[Array, Any, Any, Any], tuple[Any, FilterInfo]]
     to_devices: Callable[[Any], Any] = identity
     initial_state: Callable[[Any, Any], Any] | None = None
     closed_form: bool = False
@@ -165,7 +165,7 @@ class Filter:
 
 
 def filter_of_steps(
-    initial_state: Callable[[Any, Any], Any], step: Callable[[Array, Any, Any, Any], tuple[Any, Info]], **told: Any
+    initial_state: Callable[[Any, Any], Any], step: Callable[[Array, Any, Any, Any], tuple[Any, FilterInfo]], **told: Any
 ) -> Filter:
     """A filter whose first frame is a step from the state before it.
 
@@ -175,7 +175,7 @@ def filter_of_steps(
         told: Other fields.
     """
 
-    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, FilterInfo]:
         return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
     return Filter(init, step, initial_state=initial_state, **told)

@@ -29,7 +29,7 @@ from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, filter_info, filter_of_steps
 from poseppl.gaussians.ensemble import (
     Form,
     Increment,
@@ -77,7 +77,7 @@ class Analysis(NamedTuple):
     """
 
     state: EnsembleState
-    info: Info
+    info: FilterInfo
     by: Increment
 
 
@@ -146,7 +146,9 @@ def ensemble_kalman_filter(
     def start(observation: Observation, inputs: Any = None) -> EnsembleState:
         return initial_state(model, settings)
 
-    def step(rng_key: Array, state: EnsembleState, observation: Observation, inputs: Any = None) -> tuple[EnsembleState, Info]:
+    def step(
+        rng_key: Array, state: EnsembleState, observation: Observation, inputs: Any = None
+    ) -> tuple[EnsembleState, FilterInfo]:
         return analyse(model, settings, rng_key, state, observation, inputs)[:2]
 
     return filter_of_steps(start, step)

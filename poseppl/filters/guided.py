@@ -53,7 +53,8 @@ def guided_filter(
         ess_threshold: Resample when ESS <= threshold * N: 1 at every frame, 0 never.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.sequential_monte_carlo.ParticleState`. `Info.ess` of the auxiliary
+        The filter; its state is :class:`~poseppl.filters.sequential_monte_carlo.ParticleState`. `FilterInfo.ess` of the
+        auxiliary
         filter is the lesser of its two stages': that of the weights that ancestors were chosen by, and that of the particles'
         own.
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.filters.sequential_monte_carlo import ParticleState
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
@@ -47,16 +47,18 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
     values = jnp.asarray(state_values(model), jnp.result_type(float))
     count = values.shape[0]
 
-    def update(log_prior: Array, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
+    def update(log_prior: Array, observation: Observation, inputs: Any) -> tuple[ParticleState, FilterInfo]:
         weighed = weigh(log_prior, log_likelihoods(model, values, observation, inputs))
         # nothing is drawn: the ESS is the number of values
         info = filter_info(weighed.log_evidence, count, count, weighed.failed, num_likelihood=count)
         return ParticleState(values.astype(weighed.log_weights.dtype), weighed.log_weights), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, FilterInfo]:
         return update(log_initials(model, values, inputs), observation, inputs)
 
-    def step(rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def step(
+        rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None
+    ) -> tuple[ParticleState, FilterInfo]:
         terms = log_transition_matrix(model, values, values, inputs) + state.log_weights
         return update(jax.nn.logsumexp(terms, axis=1), observation, inputs)
 

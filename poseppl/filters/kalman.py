@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, filter_info, filter_of_steps
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_root, semidefinite_root
 from poseppl.gaussians.linearisation import Method, Moments, condition, linearise, linearise_about, predict
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
@@ -94,7 +94,9 @@ def kalman_filter(
         draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
         return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
 
-    def step(rng_key: Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+    def step(
+        rng_key: Array, state: KalmanState, observation: Observation, inputs: Any = None
+    ) -> tuple[KalmanState, FilterInfo]:
         before: Any = state.posterior  # of either form
         linear = linearise(lambda x: model.transition_moments(x, inputs), before, linearisation)
         # both are finite at every frame, and with them the gradient of the one that is not chosen

@@ -27,7 +27,7 @@ from jax import Array
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.filters.conditional_proposal import conditional_model
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian
@@ -35,7 +35,7 @@ from poseppl.gaussians.linearisation import first_order, predict
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import weigh
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.dependence import output_dependence
@@ -83,7 +83,7 @@ def rao_blackwellised_filter(
     adaptive = adaptive_resampling(num_particles, resampling, ess_threshold)
     split = _Split.of_model(model)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[CollapsedState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[CollapsedState, FilterInfo]:
         key_finite, key_real = jax.random.split(rng_key)
         split.check("initial", inputs)
         drawn = draw_initial(model, particle_keys(key_finite, num_particles), inputs)
@@ -96,11 +96,11 @@ def rao_blackwellised_filter(
 
     def step(
         rng_key: Array, state: CollapsedState, observation: Observation, inputs: Any = None
-    ) -> tuple[CollapsedState, Info]:
+    ) -> tuple[CollapsedState, FilterInfo]:
         key_resample, key_finite, key_real = jax.random.split(rng_key, 3)
         split.check("transition", inputs)
         ancestry = adaptive.choose(key_resample, state.log_weights)
-        before, past = state.particles[ancestry.ancestors], rows_of(state.real, ancestry.ancestors)
+        before, past = state.particles[ancestry.ancestors], tree_index(state.real, ancestry.ancestors)
         drawn = propagate(model, particle_keys(key_finite, num_particles), before, inputs)
         drawn, score = differentiable_draws(model, drawn, before, inputs)
         ancestry = ancestry._replace(log_weights=ancestry.log_weights + score)
@@ -113,7 +113,7 @@ def rao_blackwellised_filter(
 
     def taken_in(
         rng_key: Array, drawn: Array, prior: Gaussian, given: Any, ancestry: Ancestry, observation: Observation
-    ) -> tuple[CollapsedState, Info]:
+    ) -> tuple[CollapsedState, FilterInfo]:
         condition = split.of_each(lambda prior, given: update(split.real, prior, observation, given, "first-order"))
         real, log_evidence, _ = condition(prior, given)
         weighed = weigh(ancestry.log_weights, log_evidence)

@@ -28,8 +28,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_key
-from poseppl.filters.base import Filter, Info
-from poseppl.particles.stacks import rows_of
+from poseppl.filters.base import Filter, FilterInfo
+from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import check_input_rows, split_inputs
 from poseppl.program.observation import check_is_observation, num_frames_of
@@ -71,7 +71,7 @@ class Start(NamedTuple):
     """What a run begins with: the state after `init` and its diagnosis; or the state before the first frame, and None."""
 
     state: Any
-    info: Info | None
+    info: FilterInfo | None
 
 
 class Frame(NamedTuple):
@@ -90,7 +90,7 @@ def frame_keys(rng_key: Array, frame: Any) -> FrameKeys:
     return FrameKeys(step, collect, jax.random.fold_in(of_frame, _PREDICT))
 
 
-def collect_info(rng_key: Array, state: Any, info: Info, inputs: Any) -> Info:
+def collect_info(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> FilterInfo:
     """Keep of each frame its diagnosis, without the ancestors, which are as many as the particles."""
     return info._replace(ancestors=jnp.zeros(0, jnp.int32))
 
@@ -138,7 +138,7 @@ def scan_filter(
     data, varying, constant = jax.tree.map(jnp.asarray, (observations, *inputs))
     numbers = jnp.arange(num_frames, dtype=jnp.int32)
     frames = Frame(jax.vmap(frame_keys, (None, 0))(rng_key, numbers), numbers, data, varying)
-    first = rows_of(frames, 0)
+    first = tree_index(frames, 0)
     start = begin(filter, first.keys.step, first.observation, layout.join(first.varying, constant))
     advance = frame_program(filter, layout.join, collect, predict)
     state, kept = jax.lax.scan(lambda state, frame: advance(state, start.info, frame, constant), start.state, frames)
@@ -155,20 +155,22 @@ def begin(filter: Filter, rng_key: Array, observation: Observation, inputs: Any)
 def frame_program(
     filter: Filter, join: Callable[[Any, Any], Any], collect: Collect, predict: Predict | None
 ) -> Callable[..., tuple[Any, tuple[Any, Any]]]:
-    """`(state, begun, frame, constant) -> (state, (outputs, prediction))`, one frame of a run.
+    """`(state, initial_info, frame, constant) -> (state, (outputs, prediction))`, one frame of a run.
 
-    `begun` is the diagnosis of `init`, whose state the first frame takes as it is, or None where `step` takes the first frame,
-    too. `join` makes a frame's inputs of the varying and the constant ones.
+    `initial_info` is the diagnosis of `init`, whose state the first frame takes as it is, or None where `step` takes the
+    first frame, too. `join` makes a frame's inputs of the varying and the constant ones.
     """
 
-    def advance(before: Any, begun: Info | None, frame: Frame, constant: list[Any]) -> tuple[Any, tuple[Any, Any]]:
+    def advance(before: Any, initial_info: FilterInfo | None, frame: Frame, constant: list[Any]) -> tuple[Any, tuple[Any, Any]]:
         inputs, first = join(frame.varying, constant), frame.number == 0
         prediction = predict(frame.keys.predict, before, first, frame.observation, inputs) if predict else None
 
-        def step(state: Any) -> tuple[Any, Info]:
+        def step(state: Any) -> tuple[Any, FilterInfo]:
             return filter.step(frame.keys.step, state, frame.observation, inputs)
 
-        state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
+        state, info = (
+            step(before) if initial_info is None else jax.lax.cond(first, lambda state: (state, initial_info), step, before)
+        )
         return state, (collect(frame.keys.collect, state, info, inputs), prediction)
 
     return advance

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.filters.adaptive_resampling import AdaptiveResampling, Ancestry
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import differentiable_draws, log_initials, log_likelihoods, log_transitions
@@ -75,8 +75,8 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
         adaptive: How many particles, and when they are resampled.
 
     Returns:
-        The filter; its state is :class:`ParticleState`. `Info.ess` is the lesser one of the weights that ancestors were drawn
-        by, where these looked ahead, and of the particles' own.
+        The filter; its state is :class:`ParticleState`. `FilterInfo.ess` is the lesser one of the weights that ancestors were
+        drawn by, where these looked ahead, and of the particles' own.
     """
 
     def update(
@@ -86,7 +86,7 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
         ancestry: Ancestry,
         observation: Observation,
         inputs: Any,
-    ) -> tuple[ParticleState, Info]:
+    ) -> tuple[ParticleState, FilterInfo]:
         particles, log_proposal = lookahead.draw(rng_key, ancestry.ancestors)
         log_prior = ancestry.log_weights
         before = None if previous is None else previous[ancestry.ancestors]
@@ -110,12 +110,14 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
         )
         return ParticleState(particles, weighed.log_weights), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, FilterInfo]:
         uniform = jnp.full(adaptive.num_particles, -jnp.log(adaptive.num_particles))
         lookahead = propose(None, observation, inputs)
         return update(rng_key, None, lookahead, adaptive.keep(uniform), observation, inputs)
 
-    def step(rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def step(
+        rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None
+    ) -> tuple[ParticleState, FilterInfo]:
         key_resample, key_predict = jax.random.split(rng_key)
         lookahead = propose(state.particles, observation, inputs)
         ancestry = adaptive.choose(key_resample, state.log_weights, lookahead.log_predictive)

@@ -27,7 +27,7 @@ import numpy as np
 from jax import Array
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, FilterInfo
 from poseppl.program.memoized_builder import memoized_builder
 
 _AXIS = "particles"
@@ -66,11 +66,11 @@ def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     def kept(state: Any) -> Any:
         return constrain(state, shardings(state))
 
-    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, FilterInfo]:
         state, info = filter.init(rng_key, observation, inputs)
         return kept(state), info
 
-    def step(rng_key: Array, state: Any, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+    def step(rng_key: Array, state: Any, observation: Any, inputs: Any = None) -> tuple[Any, FilterInfo]:
         state, info = filter.step(rng_key, kept(state), observation, inputs)
         return kept(state), info
 

@@ -29,7 +29,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.compilation import jit
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, filter_info, filter_of_steps
 from poseppl.filters.conditional_proposal import conditional_model
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
@@ -81,7 +81,7 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
 
     def update(
         rng_key: Array, log_prior: Array, prior: _Gaussians, before: Array, observation: Observation, inputs: Any
-    ) -> tuple[SwitchingState, Info]:
+    ) -> tuple[SwitchingState, FilterInfo]:
         def one(value: Array, mean: Array, scale: Array, before: Array) -> _Updated:
             return _update(switch.real, mean, scale, observation, switch.given(value, before, inputs), num_iterations)
 
@@ -118,7 +118,7 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
 
     def step(
         rng_key: Array, state: SwitchingState, observation: Observation, inputs: Any = None
-    ) -> tuple[SwitchingState, Info]:
+    ) -> tuple[SwitchingState, FilterInfo]:
         blank = state.log_masses, state.means, state.scales, jnp.zeros((len(switch.values), model.dimension))
         # before the first frame the prediction from the initial Gaussians is finite as they are, and is not chosen
         predicted = jax.tree.map(partial(jnp.where, state.started), _predict(model, switch, state, inputs), blank)

@@ -31,7 +31,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, ConditionalDensity, MoveSettings
 from poseppl.particles.families import clustered_ess
@@ -101,9 +101,9 @@ def tempered_filter(
         resampling: How ancestors are drawn.
 
     Returns:
-        The filter; its state is :class:`TemperedState`. `Info.ess` is the least ESS of the frame's temperatures, before
+        The filter; its state is :class:`TemperedState`. `FilterInfo.ess` is the least ESS of the frame's temperatures, before
         resampling, or that of particles that descend from few and that moves left alike
-        (:mod:`poseppl.particles.families`), if that is less; `Info.acceptance` is the mean over temperatures.
+        (:mod:`poseppl.particles.families`), if that is less; `FilterInfo.acceptance` is the mean over temperatures.
 
     Raises:
         ValueError: A setting out of its range.
@@ -128,13 +128,15 @@ def tempered_filter(
             settings,
         )
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, FilterInfo]:
         prior = _initial_prior(model, num_particles, inputs)
         step_size = jnp.log(jnp.asarray(moves.step_size, jnp.result_type(float)))
         tempered = cool(jax.random.split(rng_key, 3), prior, step_size, observation, inputs)
         return _state(model, tempered), _info(tempered, tempered.ancestors)
 
-    def step(rng_key: Array, state: TemperedState, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
+    def step(
+        rng_key: Array, state: TemperedState, observation: Observation, inputs: Any = None
+    ) -> tuple[TemperedState, FilterInfo]:
         *keys, key_ancestors = jax.random.split(rng_key, 4)
         prior = _transition_prior(model, state.particles, inputs, target)
         tempered = cool(keys, prior, state.log_step_size, observation, inputs)
@@ -190,7 +192,7 @@ def _state(model: CompiledModel, tempered: Tempered) -> TemperedState:
     return TemperedState(particles, uniform, tempered.log_step_size)
 
 
-def _info(tempered: Tempered, ancestors: Array) -> Info:
+def _info(tempered: Tempered, ancestors: Array) -> FilterInfo:
     return filter_info(
         tempered.log_evidence,
         jnp.minimum(jnp.min(tempered.ess), clustered_ess(tempered.particles, tempered.ancestors)),

@@ -31,7 +31,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER
-from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, check_noise, filter_info, filter_of_steps
 from poseppl.filters.chains import effective_draws, mask_failed
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
@@ -97,7 +97,9 @@ def window_filter(
     check_at_least(0, num_mode_steps=num_mode_steps)
     dimension = model.dimension
 
-    def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+    def step(
+        rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None
+    ) -> tuple[WindowState, FilterInfo]:
         first, predicted = state.window.num_frames == 0, predict(model, state.particles, inputs)
         initial = jax.tree.map(lambda leaf: leaf[-1], state.window.predictions)
         prediction: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
@@ -182,7 +184,7 @@ def _info(
     window: int,
     num_starts: int,
     num_mode_steps: int,
-) -> Info:
+) -> FilterInfo:
     num_chains = particles.shape[0]
     climbs = num_starts * (num_mode_steps + 1) * (1 + window)
     return filter_info(

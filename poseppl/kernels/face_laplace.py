@@ -29,7 +29,7 @@ from jax.scipy.special import log_ndtr
 from poseppl.kernels import truncation
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.laplace import whitening
-from poseppl.kernels.trust_region import Climb, active_face
+from poseppl.kernels.trust_region import OptimizationResult, active_face
 from poseppl.particles.weights import nan_to_neg_inf
 
 _FLOOR = 1e-6
@@ -69,12 +69,12 @@ class FaceModes(NamedTuple):
         return means, self.covariances + inside
 
 
-def face_modes(climbs: Climb, constraints: Constraints) -> FaceModes:
+def face_modes(climbs: OptimizationResult, constraints: Constraints) -> FaceModes:
     """Describe where climbs (S, ...) have come to."""
     return jax.vmap(lambda climb: _describe(climb, constraints))(climbs)
 
 
-def _describe(climb: Climb, constraints: Constraints) -> FaceModes:
+def _describe(climb: OptimizationResult, constraints: Constraints) -> FaceModes:
     x, dimension = climb.states, climb.states.shape[0]
     precision, covariance, log_det = _positive(climb.curvatures)
     multipliers = active_face(x, climb.gradients, precision, constraints).multipliers

@@ -18,7 +18,7 @@ _COINCIDE = 1.0
 """Standard deviations of both Laplace approximations within which two climbs came to the same mode."""
 
 
-class Found(NamedTuple):
+class ModeSearchResult(NamedTuple):
     """Distinct modes, the heaviest first.
 
     Attributes:
@@ -46,7 +46,7 @@ def search_modes(
     *,
     units: Array | None = None,
     num_steps: int = 40,
-) -> Found:
+) -> ModeSearchResult:
     """Find the heaviest modes of a density under constraints.
 
     Args:
@@ -66,7 +66,7 @@ def search_modes(
     values, order = jax.lax.top_k(masses, min(num_modes, len(starts)))
     order = jnp.where(jnp.isfinite(values), order, order[0])
     kept: FaceModes = jax.tree.map(lambda leaf: leaf[order], modes)
-    return Found(
+    return ModeSearchResult(
         kept._replace(log_masses=values),
         jax.nn.logsumexp(masses),
         jnp.sum(distinct, dtype=jnp.int32),

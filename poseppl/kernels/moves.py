@@ -30,7 +30,7 @@ from poseppl.checks import RangeError, check_at_least, check_choice, check_fract
 from poseppl.compilation import with_full_precision
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.kernels.own_kernel import CustomKernel, update_by
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 
 ConditionalDensity = Callable[[Array, Any], Array]
@@ -220,7 +220,7 @@ def move_groups(
     )
 
     def move(keys: Array, members: Starts, others: Array) -> Moved:
-        transform = whitening_of(rows_of(starts, others))
+        transform = whitening_of(tree_index(starts, others))
         return move_population(keys, members, log_density, transform, log_step_size, settings)
 
     moved: Moved = jax.vmap(move, (1, 0, 0))(keys, members, jnp.asarray(others))

@@ -41,7 +41,7 @@ _PASSES = 12
 """Times that the active constraints of a step are revised at most."""
 
 
-class Climb(NamedTuple):
+class OptimizationResult(NamedTuple):
     """Where a search is, one for each start.
 
     Attributes:
@@ -75,7 +75,7 @@ def climb_modes(
     units: Array | None = None,
     num_steps: int = 40,
     tolerance: float = 1e-4,
-) -> Climb:
+) -> OptimizationResult:
     """Climb from many starts to local modes, side by side.
 
     Args:
@@ -103,24 +103,24 @@ def climb_modes(
             jnp.where(usable, 0.5 * (hessian + hessian.T), jnp.eye(x.shape[0], dtype=x.dtype)),
         )
 
-    def begin(x: Array) -> Climb:
+    def begin(x: Array) -> OptimizationResult:
         x = constraints.project(x)
         no = jnp.zeros((), bool)
-        return Climb(x, *evaluate(x), jnp.asarray(_FIRST, x.dtype), no, no, jnp.ones((), jnp.int32))
+        return OptimizationResult(x, *evaluate(x), jnp.asarray(_FIRST, x.dtype), no, no, jnp.ones((), jnp.int32))
 
-    def advance(at: Climb) -> Climb:
+    def advance(at: OptimizationResult) -> OptimizationResult:
         step = constrained_step(at, constraints, units)
         after = _judged(at, step, evaluate(step.state), tolerance)
-        kept: Climb = jax.tree.map(lambda new, old: jnp.where(at.stopped, old, new), after, at)
+        kept: OptimizationResult = jax.tree.map(lambda new, old: jnp.where(at.stopped, old, new), after, at)
         return kept
 
-    def unfinished(carry: tuple[Array, Climb]) -> Array:
+    def unfinished(carry: tuple[Array, OptimizationResult]) -> Array:
         return (carry[0] < num_steps) & ~jnp.all(carry[1].stopped)
 
-    def turn(carry: tuple[Array, Climb]) -> tuple[Array, Climb]:
+    def turn(carry: tuple[Array, OptimizationResult]) -> tuple[Array, OptimizationResult]:
         return carry[0] + 1, jax.vmap(advance)(carry[1])
 
-    climbs: Climb = jax.lax.while_loop(unfinished, turn, (jnp.zeros((), jnp.int32), jax.vmap(begin)(starts)))[1]
+    climbs: OptimizationResult = jax.lax.while_loop(unfinished, turn, (jnp.zeros((), jnp.int32), jax.vmap(begin)(starts)))[1]
     return climbs
 
 
@@ -138,7 +138,7 @@ class Step(NamedTuple):
     possible: Array
 
 
-def _judged(at: Climb, step: Step, trial: tuple[Array, Array, Array], tolerance: float) -> Climb:
+def _judged(at: OptimizationResult, step: Step, trial: tuple[Array, Array, Array], tolerance: float) -> OptimizationResult:
     """The climb after a trial, whether or not it was taken."""
 
     def promise(step: Array) -> Array:
@@ -158,7 +158,7 @@ def _judged(at: Climb, step: Step, trial: tuple[Array, Array, Array], tolerance:
     kept = at.states, at.costs, at.gradients, at.curvatures
     states, costs, gradients, curvatures = (jnp.where(taken, new, old) for new, old in zip(moved, kept, strict=True))
     stopped = converged | (damping > _MAX)
-    return Climb(states, costs, gradients, curvatures, damping, converged, stopped, at.evaluations + 1)
+    return OptimizationResult(states, costs, gradients, curvatures, damping, converged, stopped, at.evaluations + 1)
 
 
 class Face(NamedTuple):
@@ -180,7 +180,7 @@ class Face(NamedTuple):
     multipliers: Array
 
 
-def constrained_step(at: Climb, constraints: Constraints, units: Array | None) -> Step:
+def constrained_step(at: OptimizationResult, constraints: Constraints, units: Array | None) -> Step:
     """The step of one climb."""
     model = at.curvatures + jnp.diag(at.damping * _metric(at.curvatures, units))
     face = active_face(at.states, at.gradients, model, constraints)

@@ -1,7 +1,7 @@
 """Trees of arrays stacked along a leading axis, that of the frames: rows of them, and one more row at either end.
 
 >>> stacked = {"x": jnp.arange(6.0).reshape(3, 2), "t": jnp.arange(3)}
->>> rows_of(stacked, -1)["x"].tolist(), append(rows_of(stacked, slice(1)), rows_of(stacked, 2))["t"].tolist()
+>>> tree_index(stacked, -1)["x"].tolist(), append(tree_index(stacked, slice(1)), tree_index(stacked, 2))["t"].tolist()
 ([4.0, 5.0], [0, 2])
 """
 
@@ -15,14 +15,14 @@ import jax.numpy as jnp
 Tree = TypeVar("Tree")
 
 
-def rows_of(stacked: Tree, index: Any) -> Tree:
+def tree_index(stacked: Tree, index: Any) -> Tree:
     """Rows of every leaf: one for a number, stacked ones for a slice or an array of numbers."""
     return cast(Tree, jax.tree.map(lambda leaf: leaf[index], stacked))
 
 
 def split_first(stacked: Tree) -> tuple[Tree, Tree]:
     """The first row, and the others stacked."""
-    return rows_of(stacked, 0), rows_of(stacked, slice(1, None))
+    return tree_index(stacked, 0), tree_index(stacked, slice(1, None))
 
 
 def prepend(one: Tree, stacked: Tree) -> Tree:

@@ -54,8 +54,8 @@ def charts(tree: xr.DataTree) -> dict[str, Any]:
         panels = trace_panels(tree)
         made["trace"] = grid(panels, columns=min(2, len(panels)), height=60 + 90 * len(panels), showlegend=False)
     made["coordinates"] = {
-        name: chart(state_traces(tree, dof), "", height=300, yaxis_rangemode="normal")
-        for dof, name in enumerate(names_of(tree, "dof"))
+        name: chart(state_traces(tree, state_dim), "", height=300, yaxis_rangemode="normal")
+        for state_dim, name in enumerate(names_of(tree, "state_dim"))
     }
     return {name: each for name, each in made.items() if each is not None}
 
@@ -77,15 +77,15 @@ def error_traces(tree: xr.DataTree) -> Traces:
     return traces
 
 
-def state_traces(tree: xr.DataTree, dof: int) -> Traces:
+def state_traces(tree: xr.DataTree, state_dim: int) -> Traces:
     """Filtered mean of a coordinate over the frames, on its central 90 % interval, with the truth."""
     x, summary, truth = frame_numbers(tree), tree["summary"].dataset, variable(tree, "truth", "state")
-    mean = summary["state_mean"].values[:, dof]
+    mean = summary["state_mean"].values[:, state_dim]
     traces = [line(x, mean, "posterior mean", POSTERIOR)]
     if "state_quantile" in summary:
-        low, *_, high = summary["state_quantile"].values[:, :, dof].T
+        low, *_, high = summary["state_quantile"].values[:, :, state_dim].T
         traces = fan(x, (low, mean, high))
-    return traces if truth is None else [*traces, line(x, truth[:, dof], "truth", TRUTH)]
+    return traces if truth is None else [*traces, line(x, truth[:, state_dim], "truth", TRUTH)]
 
 
 def inefficiency_panel(tree: xr.DataTree) -> Panel:
@@ -99,7 +99,7 @@ def inefficiency_panel(tree: xr.DataTree) -> Panel:
         return Panel([line(x, effective[:, 0], "", POSTERIOR)], f"Effective number of {count} particles", axis)
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
         return Panel([], "Inefficiency factor τ", missing="too few draws a chain")
-    return Panel([heat(x, names_of(tree, "dof"), tau.T, "τ =", logarithmic=True)], "Inefficiency factor τ")
+    return Panel([heat(x, names_of(tree, "state_dim"), tau.T, "τ =", logarithmic=True)], "Inefficiency factor τ")
 
 
 def autocorrelation_traces(tree: xr.DataTree) -> Traces:
@@ -113,8 +113,8 @@ def autocorrelation_traces(tree: xr.DataTree) -> Traces:
     if series.size:
         ends = np.quantile(series, [0.05, 0.5, 0.95], axis=1)
         traces += fan(lags, ends, ("middle 90 % of all", "median of all"), (GRID, MUTED))
-    for (frame, dof), color in zip(chosen, _viridis(len(chosen)), strict=True):
-        traces.append(line(lags, rho[:, frame, dof], _label(tree, frame, dof), color))
+    for (frame, state_dim), color in zip(chosen, _viridis(len(chosen)), strict=True):
+        traces.append(line(lags, rho[:, frame, state_dim], _label(tree, frame, state_dim), color))
     return traces
 
 
@@ -122,15 +122,17 @@ def trace_panels(tree: xr.DataTree) -> list[Panel]:
     """Traces of the chains where they mix worst, with the truth where there is one; every k-th draw and chain of many."""
     state, truth = flat_draws(tree).values, variable(tree, "truth", "state")
     chains, draws, panels = evenly(state.shape[0], MAX_CHAINS), np.arange(state.shape[1]), []
-    for frame, dof in worst_pairs(tree, 6) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
+    for frame, state_dim in worst_pairs(tree, 6) or [
+        (frame_index(tree, None), state_dim) for state_dim in range(min(6, state.shape[3]))
+    ]:
         traces = [
-            line(draws, state[chain, :, frame, dof], f"chain {chain}", color, line_width=0.9)
+            line(draws, state[chain, :, frame, state_dim], f"chain {chain}", color, line_width=0.9)
             for chain, color in zip(chains, _viridis(len(chains)), strict=True)
         ]
         if truth is not None:
-            level = np.full(2, truth[frame, dof])
+            level = np.full(2, truth[frame, state_dim])
             traces.append(line(draws[[0, -1]], level, "truth", OBSERVED, line_width=1.5, line_dash="dash"))
-        panels.append(Panel(traces, _label(tree, frame, dof)))
+        panels.append(Panel(traces, _label(tree, frame, state_dim)))
     return panels
 
 
@@ -149,7 +151,7 @@ def _inefficiency(tree: xr.DataTree) -> go.Figure | None:
         return None
     axis = {"autorange": "reversed", "type": "category", "tickfont_size": 10, "automargin": True}
     colors = color_axis(1, max(10.0, np.nanmax(drawn[0].customdata)), "τ", logarithmic=True)
-    height = 130 + 17 * max(len(names_of(tree, "dof")), 6)
+    height = 130 + 17 * max(len(names_of(tree, "state_dim")), 6)
     return chart(drawn, "", height=height, coloraxis=colors, hovermode="closest", yaxis=axis)
 
 
@@ -251,7 +253,7 @@ def _viridis(count: int) -> list[str]:
     return [to_hex(color) for color in colormaps["viridis"](np.linspace(0.0, 0.88, count))]
 
 
-def _label(tree: xr.DataTree, frame: int, dof: int) -> str:
+def _label(tree: xr.DataTree, frame: int, state_dim: int) -> str:
     tau = variable(tree, "diagnostics", "tau")
-    factor = f", τ = {tau[frame, dof]:.1f}" if tau is not None and np.isfinite(tau[frame, dof]) else ""
-    return f"{names_of(tree, 'dof')[dof]}, frame {frame_numbers(tree)[frame]}{factor}"
+    factor = f", τ = {tau[frame, state_dim]:.1f}" if tau is not None and np.isfinite(tau[frame, state_dim]) else ""
+    return f"{names_of(tree, 'state_dim')[state_dim]}, frame {frame_numbers(tree)[frame]}{factor}"

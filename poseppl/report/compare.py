@@ -60,7 +60,7 @@ def comparison_html(tree: xr.DataTree) -> str:
     return page_html(
         "comparison.html",
         title=f"{sizes['run']} runs compared",
-        subtitle=f"{words(figures['run'].values.tolist())} · {sizes['frame']} frames · {sizes['dof']} coordinates",
+        subtitle=f"{words(figures['run'].values.tolist())} · {sizes['frame']} frames · {sizes['state_dim']} coordinates",
         cards=[card for quantity in _CARDS for card in _cards(tree, quantity)],
         data={"charts-data": drawn},
         charts=drawn,

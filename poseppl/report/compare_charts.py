@@ -55,9 +55,9 @@ def heat_maps(tree: xr.DataTree) -> dict[str, go.Figure | None]:
     """Colour every figure that a run has over frames and coordinates, one panel a run."""
     figures = tree["figures"].dataset
     sizes = figures.sizes
-    chosen = evenly(sizes["frame"], max(2, min(MAX_FRAMES, MAX_CELLS // (sizes["run"] * sizes["dof"]))))
+    chosen = evenly(sizes["frame"], max(2, min(MAX_FRAMES, MAX_CELLS // (sizes["run"] * sizes["state_dim"]))))
     columns = min(sizes["run"], 2) if sizes["run"] <= 4 else 3
-    height = -(-sizes["run"] // columns) * (62 + 11 * min(60, max(8, sizes["dof"]))) + 20
+    height = -(-sizes["run"] // columns) * (62 + 11 * min(60, max(8, sizes["state_dim"]))) + 20
     layout: dict[str, Any] = {
         "columns": columns,
         "height": height,
@@ -66,7 +66,7 @@ def heat_maps(tree: xr.DataTree) -> dict[str, go.Figure | None]:
     }
     maps = {}
     for name, label, logarithmic, more_is_better, ends in HEATS:
-        values = figures[name].transpose("run", "dof", "frame").values[:, :, chosen]
+        values = figures[name].transpose("run", "state_dim", "frame").values[:, :, chosen]
         finite = values[np.isfinite(values) & (values > 0 if logarithmic else True)]
         if not finite.size:
             continue
@@ -80,9 +80,9 @@ def heat_maps(tree: xr.DataTree) -> dict[str, go.Figure | None]:
 def _heat_panels(
     tree: xr.DataTree, values: Array, chosen: Array, label: str, logarithmic: bool, columns: int
 ) -> Iterator[Panel]:
-    """Heat maps of values (run, dof, frame) at the chosen frames."""
+    """Heat maps of values (run, state_dim, frame) at the chosen frames."""
     figures = tree["figures"].dataset
-    frames, dofs = figures["frame"].values[chosen], figures["dof"].values.tolist()
+    frames, dofs = figures["frame"].values[chosen], figures["state_dim"].values.tolist()
     half = (frames[1] - frames[0]) / 2 if len(frames) > 1 else 0.5
     xaxis = {"showgrid": False, "nticks": 6, "tickfont_size": 10, "range": [frames[0] - half, frames[-1] + half]}
     yaxis = {"type": "category", "categoryarray": dofs, "range": [len(dofs) - 0.5, -0.5]}  # named in an empty panel, too
@@ -98,7 +98,7 @@ def _heat_panels(
 def _cost(tree: xr.DataTree) -> go.Figure | None:
     """ESS per second and per evaluation of each coordinate: the harmonic mean, and the middle 90 % of the frames."""
     figures, summary = tree["figures"].dataset, tree["summary"].dataset
-    runs, dofs = shown_runs(tree), figures["dof"].values.tolist()
+    runs, dofs = shown_runs(tree), figures["state_dim"].values.tolist()
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
     slot = 0.8 * (np.cumsum(taking_part) - 0.5) / max(taking_part.sum(), 1) - 0.4
     told = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
@@ -125,7 +125,7 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
 
 
 def _middle(values: Array) -> tuple[Array, Array]:
-    """The middle 90 % of frames, (dof,) each."""
+    """The middle 90 % of frames, (state_dim,) each."""
     empty = ~np.isfinite(values).any(axis=0)
     low, high = np.nanquantile(np.where(empty, 1.0, values), [0.05, 0.95], axis=0)
     return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
@@ -158,8 +158,8 @@ def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Mean tau over the coordinates, largest R-hat and rejection over the frames, one panel below the other."""
     figures = tree["figures"].dataset
     found = {
-        "mean τ": figures["tau"].mean("dof").values,
-        "largest R-hat": figures["rhat"].max("dof").values,
+        "mean τ": figures["tau"].mean("state_dim").values,
+        "largest R-hat": figures["rhat"].max("state_dim").values,
         "rejected (%)": 100 * figures["rejection"].values,
     }
     panels = [
@@ -185,12 +185,14 @@ def forecast_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
 def variance_charts(tree: xr.DataTree) -> dict[str, go.Figure]:
     """Draw the variance of the mean against time, one point a setting: of all coordinates together, and of each."""
     data = tree["variance"].dataset
-    values, errors = (np.column_stack([data[name + end] for name in ("variance", "variance_by_dof")]) for end in ("", "_se"))
+    values, errors = (
+        np.column_stack([data[name + end] for name in ("variance", "variance_by_state_dim")]) for end in ("", "_se")
+    )
     seconds = data["seconds"].values[:, None]
     values = np.where(np.isfinite(seconds) & (seconds > 0) & (np.nan_to_num(values) > 0), values, np.nan)
     if np.isnan(values).all():
         return {}
-    places = ["all coordinates", *data["dof"].values.tolist()]
+    places = ["all coordinates", *data["state_dim"].values.tolist()]
     return {place: _variance(tree, values[:, k], errors[:, k]) for k, place in enumerate(places)}
 
 

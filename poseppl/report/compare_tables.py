@@ -61,12 +61,15 @@ def runs_table(tree: xr.DataTree) -> list[Row]:
 def coordinates_table(tree: xr.DataTree) -> list[Row]:
     """List every coordinate of every run."""
     summary, rows = tree["summary"].dataset, []
-    columns = summary[list(_BY_COORDINATE)].transpose("run", "dof")
-    for dof, label in enumerate(summary["dof"].values.tolist()):
+    columns = summary[list(_BY_COORDINATE)].transpose("run", "state_dim")
+    for state_dim, label in enumerate(summary["state_dim"].values.tolist()):
         for index, run in enumerate(shown_runs(tree)):
-            row: Row = {name: columns[name].values[index, dof] for name in _BY_COORDINATE}
-            row |= {f"cover_{level}": covered(summary.isel(dof=dof), index, level / 100, "coverage") for level in (50, 90)}
-            rows.append(row | {"dof": label, "run": run.cell})
+            row: Row = {name: columns[name].values[index, state_dim] for name in _BY_COORDINATE}
+            row |= {
+                f"cover_{level}": covered(summary.isel(state_dim=state_dim), index, level / 100, "coverage")
+                for level in (50, 90)
+            }
+            rows.append(row | {"state_dim": label, "run": run.cell})
     return rows
 
 
@@ -92,11 +95,11 @@ def forecasts_table(tree: xr.DataTree) -> list[Row]:
 
 def winners_table(tree: xr.DataTree) -> list[Row]:
     """List who wins in which coordinate, and how far ahead of the next."""
-    data, cells = tree["winner_by_dof"].dataset, {run.name: run.cell for run in shown_runs(tree)}
+    data, cells = tree["winner_by_state_dim"].dataset, {run.name: run.cell for run in shown_runs(tree)}
     return [
-        {quantity: _outcome(data.isel(dof=dof).sel(quantity=quantity), cells) for quantity in QUANTITIES}
-        | {"dof": label, "decided": bool((data["winner"].isel(dof=dof) != "").any())}
-        for dof, label in enumerate(data["dof"].values.tolist())
+        {quantity: _outcome(data.isel(state_dim=state_dim).sel(quantity=quantity), cells) for quantity in QUANTITIES}
+        | {"state_dim": label, "decided": bool((data["winner"].isel(state_dim=state_dim) != "").any())}
+        for state_dim, label in enumerate(data["state_dim"].values.tolist())
     ]
 
 

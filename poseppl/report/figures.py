@@ -61,7 +61,7 @@ def plot_track(tree: xr.DataTree) -> Figure:
         handles = axes.get_legend_handles_labels()[0]
         upper.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9, frameon=False, labelcolor=MUTED)
     else:
-        _draw_panels(upper, _state_panels(whole, names_of(whole, "dof")[:3]), columns=3)
+        _draw_panels(upper, _state_panels(whole, names_of(whole, "state_dim")[:3]), columns=3)
     if poses["space"] is not None:
         sampled = is_sampled(whole)
         below = lower.add_gridspec(1, 3 if sampled else 2, width_ratios=(1.0, 1.35, 1.45) if sampled else (1.0, 2.8))
@@ -112,12 +112,12 @@ def plot_error(tree: xr.DataTree) -> Figure:
 
 def plot_inefficiency(tree: xr.DataTree) -> Figure:
     """Draw inefficiency factors of every frame and coordinate; for weighted particles their effective number over frames."""
-    return _picture([inefficiency_panel(diagnosed(tree))], 8.0, 2.2 + 0.16 * len(names_of(tree, "dof")))
+    return _picture([inefficiency_panel(diagnosed(tree))], 8.0, 2.2 + 0.16 * len(names_of(tree, "state_dim")))
 
 
 def plot_state(tree: xr.DataTree, dofs: Sequence[str] | None = None) -> Figure:
     """Draw mean, central 90 % interval and truth of coordinates over the frames, by default of the first four."""
-    return _picture(_state_panels(tree, names_of(tree, "dof")[:4] if dofs is None else dofs), 8.0, 1.9)
+    return _picture(_state_panels(tree, names_of(tree, "state_dim")[:4] if dofs is None else dofs), 8.0, 1.9)
 
 
 def plot_ranks(calibration: Calibration) -> Figure:
@@ -245,7 +245,7 @@ def _skeletons(axes: Any, poses: dict[str, Any], draws: Any, mean: Any) -> None:
 
 
 def _state_panels(tree: xr.DataTree, names: Sequence[str]) -> list[Panel]:
-    return [Panel(state_traces(tree, names_of(tree, "dof").index(name)), name) for name in names]
+    return [Panel(state_traces(tree, names_of(tree, "state_dim").index(name)), name) for name in names]
 
 
 def _error(axes: Axes, tree: xr.DataTree) -> None:

@@ -62,7 +62,7 @@ def site_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
 
 def _truth(tree: xr.DataTree, label: str, mean: Array) -> Traces:
     """The truth of an entry that is a coordinate of the flat state: those of bounded sites are on another scale."""
-    truth, names = variable(tree, "truth", "state"), names_of(tree, "dof")
+    truth, names = variable(tree, "truth", "state"), names_of(tree, "state_dim")
     if truth is None or label not in names:
         return []
     number = names.index(label)

@@ -35,7 +35,7 @@ def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
         rows["particles"] = f"{tree.attrs['num_particles']} ({sizes['draw']} draws kept)"
     else:
         rows["chains × draws kept"] = f"{sizes['chain']} × {sizes['draw']}"
-    rows["degrees of freedom"] = sizes["dof"]
+    rows["degrees of freedom"] = sizes["state_dim"]
     if "rate" in tree.attrs:
         rows["frame rate, frames per second"] = f"{float(tree.attrs['rate']):g}"
     return {name: [str(value)] for name, value in (rows | flatten(provenance(tree))).items()}
@@ -47,7 +47,7 @@ def inefficiency_table(tree: xr.DataTree) -> list[Row]:
     if is_weighted(tree) or not is_sampled(tree) or data["tau"].isnull().all():
         return []
     moves = data["tau"].notnull().any("frame")
-    moving = data.isel(dof=moves.values)
+    moving = data.isel(state_dim=moves.values)
     tau = moving["tau"]
     figures = xr.Dataset(
         {
@@ -60,7 +60,9 @@ def inefficiency_table(tree: xr.DataTree) -> list[Row]:
             "rhat": moving["rhat"].max("frame"),
         }
     )
-    fixed = [{"dof": name} | dict.fromkeys(map(str, figures), "fixed") for name in data["dof"].values[~moves.values]]
+    fixed = [
+        {"state_dim": name} | dict.fromkeys(map(str, figures), "fixed") for name in data["state_dim"].values[~moves.values]
+    ]
     return records(figures.sortby(-figures["largest"])) + fixed
 
 
@@ -76,8 +78,10 @@ def worst_frames_table(tree: xr.DataTree) -> Top:
     found = {"rejection": data.get("rejection_rate"), "divergences": group_of(tree, "sample_stats").get("divergences")}
     found = {"error": data.get("joint_error")} | ({} if is_weighted(tree) else found)
     means = {name: values.mean(set(values.dims) - {"frame"}) for name, values in found.items() if values is not None}
-    figures = xr.Dataset({"tau": tau.max("dof"), "ess": data["ess"].min("dof")} | means)
-    figures["coordinate"] = tau.fillna(-1).idxmax("dof") if not is_weighted(tree) else xr.full_like(tau[:, 0], "all", object)
+    figures = xr.Dataset({"tau": tau.max("state_dim"), "ess": data["ess"].min("state_dim")} | means)
+    figures["coordinate"] = (
+        tau.fillna(-1).idxmax("state_dim") if not is_weighted(tree) else xr.full_like(tau[:, 0], "all", object)
+    )
     return Top(records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS))), figures.sizes["frame"])
 
 

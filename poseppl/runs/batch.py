@@ -27,12 +27,12 @@ from poseppl.errors import InputError, brief
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.filters.scan import scan_filter
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.compiled_scan import Kept, collect_kept
+from poseppl.runs.compiled_scan import StepOutput, collect_kept
 from poseppl.runs.contents import FLAT, HISTORY
 from poseppl.runs.filter_history import (
     HISTORY_AXES,
@@ -114,8 +114,8 @@ def infer_batch(
     size = -(-number // -(-number // chunk))
     for start in range(0, number, size):
         index = np.minimum(np.arange(start, start + size), number - 1)
-        kept = series(keys[index], rows_of(observations, index), rows_of(rows, index))
-        parts.append(rows_of(jax.tree.map(np.asarray, kept), slice(number - start)))
+        kept = series(keys[index], tree_index(observations, index), tree_index(rows, index))
+        parts.append(tree_index(jax.tree.map(np.asarray, kept), slice(number - start)))
         if progress:
             progress.advance(min(size, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
@@ -149,8 +149,8 @@ def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
 
 def _has_room(filter: Filter, series: Any, num_frames: int, room: float, note: Note) -> bool:
     """Whether the history of all frames of all series is kept."""
-    key, observations, inputs = rows_of(series, 0)
-    state, _ = jax.eval_shape(filter.init, key, *rows_of((observations, inputs), 0))
+    key, observations, inputs = tree_index(series, 0)
+    state, _ = jax.eval_shape(filter.init, key, *tree_index((observations, inputs), 0))
     needed = bytes_of_frame(filter, state) * num_frames / MIB
     if needed > room > 0:
         note(no_room(needed, room))
@@ -159,10 +159,10 @@ def _has_room(filter: Filter, series: Any, num_frames: int, room: float, note: N
 
 @memoized_builder
 def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
-    """`(keys, observations, inputs) -> Kept`, each (S, T, ...), of a chunk of series."""
+    """`(keys, observations, inputs) -> StepOutput`, each (S, T, ...), of a chunk of series."""
 
-    def of_series(key: Array, observations: Observation, inputs: Any) -> Kept:
-        kept: Kept = scan_filter(filter, key, observations, inputs, collect=collect_kept(filter, collect, keep)).outputs
+    def of_series(key: Array, observations: Observation, inputs: Any) -> StepOutput:
+        kept: StepOutput = scan_filter(filter, key, observations, inputs, collect=collect_kept(filter, collect, keep)).outputs
         return kept._replace(unique_ancestors=None)  # which a batch does not report, and need not compute
 
     return jit(jax.vmap(of_series))
@@ -245,7 +245,7 @@ def _stacked_inputs(inputs: Any, ends: NDArray[np.int64], frames: int) -> Any:
             raise InputError(f"inputs of {len(inputs)} series", field="inputs", expected=f"those of {number}")
         for index, (one, end) in enumerate(zip(inputs, ends, strict=True)):
             _check_rows(index, one, {int(end), frames})
-        padded = [rows_of(jax.tree.map(np.asarray, one), _until_end(one, frames)) for one in inputs]
+        padded = [tree_index(jax.tree.map(np.asarray, one), _until_end(one, frames)) for one in inputs]
         return jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded)
 
     def stack(leaf: Any) -> Any:

@@ -33,7 +33,7 @@ from poseppl.runs.site_summary import sites_of, summary_of_sites
 Extras = Callable[[Array, Any], Mapping[str, Array]]
 """`(x, inputs) -> values by name` for one state (d,)."""
 
-_DIMENSIONS = ("chain", "draw", "frame", "series", "dof", "quantile")
+_DIMENSIONS = ("chain", "draw", "frame", "series", "state_dim", "quantile")
 """Of results, beside those of sites."""
 _NUM_QUANTILE_DRAWS = 2000
 """Weighted particles are resampled to so many draws for their quantiles: a standard error of 1 % of a probability."""

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit, jit_lightly
-from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.filters.base import Filter, FilterInfo, FilterState
 from poseppl.filters.scan import (
     Collect,
     Frame,
@@ -31,7 +31,7 @@ from poseppl.filters.scan import (
     frame_keys,
     frame_program,
 )
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import are_exact
 from poseppl.program.memoized_builder import memoized_builder
@@ -47,7 +47,7 @@ _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 
 
-class Kept(NamedTuple):
+class StepOutput(NamedTuple):
     """Draws and diagnosis kept of a frame; of a sequence, with a leading T.
 
     Attributes:
@@ -60,7 +60,7 @@ class Kept(NamedTuple):
     """
 
     outputs: Any
-    info: Info
+    info: FilterInfo
     unique_ancestors: Any
     finite: Any
     prediction: Prediction | None
@@ -85,13 +85,13 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
 
 @memoized_builder
 def collect_kept(filter: Filter, collect: Collect, keep: bool) -> Collect:
-    """Keep of a frame :class:`Kept`, with or without the filter's history."""
+    """Keep of a frame :class:`StepOutput`, with or without the filter's history."""
 
-    def collect_all(rng_key: Array, state: Any, info: Info, inputs: Any) -> Kept:
+    def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
         history = history_of_frame(filter, state, info) if keep else None
         outputs = collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
         told = collect_info(rng_key, state, info, inputs)
-        return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
+        return StepOutput(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
     return collect_all
 
@@ -118,7 +118,7 @@ class _Programs(NamedTuple):
     frame: Any
     scan: Any
     made: dict[Any, dict[str, Any]]
-    """For each kind of data what :class:`Calls` made of the programs, by name."""
+    """For each kind of data what :class:`CompiledRun` made of the programs, by name."""
 
 
 @memoized_builder
@@ -141,23 +141,23 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
-    def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, Kept]:
+    def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, StepOutput]:
         frame = frame._replace(keys=_keys_like(rng_key, frame.keys))
         state, (kept, prediction) = advance(start.state, start.info, frame, constant)
         return state, kept._replace(prediction=prediction)
 
-    def scan_frames(rng_key: Array, start: Start, frames: Frame, active: Array, constant: list[Any]) -> tuple[Any, Kept]:
+    def scan_frames(rng_key: Array, start: Start, frames: Frame, active: Array, constant: list[Any]) -> tuple[Any, StepOutput]:
         """Frames of which the `active` (length,) ones count. Where the first is among them, `start` is that of `init`."""
 
-        def body(state: Any, row: tuple[Frame, Array]) -> tuple[Any, Kept]:
-            def run(state: Any) -> tuple[Any, Kept]:
-                result: tuple[Any, Kept] = one_frame(rng_key, start._replace(state=state), row[0], constant)
+        def body(state: Any, row: tuple[Frame, Array]) -> tuple[Any, StepOutput]:
+            def run(state: Any) -> tuple[Any, StepOutput]:
+                result: tuple[Any, StepOutput] = one_frame(rng_key, start._replace(state=state), row[0], constant)
                 return result
 
-            def skip(state: Any) -> tuple[Any, Kept]:
+            def skip(state: Any) -> tuple[Any, StepOutput]:
                 return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), jax.eval_shape(run, state)[1])
 
-            result: tuple[Any, Kept] = jax.lax.cond(row[1], run, skip, state)
+            result: tuple[Any, StepOutput] = jax.lax.cond(row[1], run, skip, state)
             return result
 
         return jax.lax.scan(body, start.state, (frames, active))
@@ -165,7 +165,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     return _Programs(one_frame, jit(scan_frames), {})
 
 
-class Calls:
+class CompiledRun:
     """The compiled programs of a run, and their data.
 
     Args:
@@ -231,7 +231,7 @@ class Calls:
         """Whether no input of a frame is NaN or infinite."""
         return self._sequence.inputs_are_finite(frame)
 
-    def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
+    def advance(self, state: Any, start: int, stop: int) -> tuple[Any, StepOutput]:
         """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between."""
         before, kept = Start(state, self._begun), []
         if start == 0:
@@ -258,16 +258,16 @@ class Calls:
         lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
         return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.size)
 
-    def _blank(self, start: Start) -> tuple[Any, Info | None, Kept]:
+    def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
         rng_key, frame, constant = self._first_data()
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
         shapes = state, start.info, kept
-        blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
+        blank: tuple[Any, FilterInfo | None, StepOutput] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
         return blank
 
     def _first_data(self) -> tuple[Any, ...]:
-        return self._rng_key, rows_of(self._frames(0, 1), 0), self._sequence.constant
+        return self._rng_key, tree_index(self._frames(0, 1), 0), self._sequence.constant
 
     def _frames(self, start: int, length: int) -> Frame:
         """Frames from `start` on with their keys, which are made for more at once."""
@@ -275,7 +275,7 @@ class Calls:
             self._keys = jax.tree.map(np.asarray, _key_data(self._rng_key, np.int32(start)))
             self._keys_from = start
         begin = start - self._keys_from
-        keys = rows_of(self._keys, slice(begin, begin + length))
+        keys = tree_index(self._keys, slice(begin, begin + length))
         return Frame(keys, np.arange(start, start + length, dtype=np.int32), *self._sequence.rows(start, length))
 
     def _scan_data(self, start: Start, first: int, stop: int) -> tuple[Any, ...]:
@@ -284,9 +284,9 @@ class Calls:
         return self._rng_key, placed, frames, frames.number < stop, self._sequence.constant
 
 
-def joined(parts: list[Kept]) -> Kept:
+def joined(parts: list[StepOutput]) -> StepOutput:
     """What was kept of frames that follow each other."""
-    whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    whole: StepOutput = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     return whole
 
 
@@ -297,7 +297,7 @@ def abstract_signature(data: Any) -> Any:
     return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))
 
 
-def _on_host(result: tuple[Any, Kept], num_frames: int) -> tuple[Any, Kept]:
+def _on_host(result: tuple[Any, StepOutput], num_frames: int) -> tuple[Any, StepOutput]:
     """The frames of a call on the host; the state stays where it is."""
     state, kept = result
     return state, jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept)

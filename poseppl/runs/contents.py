@@ -1,7 +1,7 @@
 """What a result holds, as plain arrays and names, where it may lack a group, a variable or a dimension.
 
->>> tree = xr.DataTree.from_dict({FLAT: xr.Dataset({"state": ("dof", np.zeros(2))}, coords={"dof": ["x", "y"]})})
->>> names_of(tree, "dof"), variable(tree, "truth", "state"), arrays_of(tree, "inputs")
+>>> tree = xr.DataTree.from_dict({FLAT: xr.Dataset({"state": ("state_dim", np.zeros(2))}, coords={"state_dim": ["x", "y"]})})
+>>> names_of(tree, "state_dim"), variable(tree, "truth", "state"), arrays_of(tree, "inputs")
 (['x', 'y'], None, {})
 """
 
@@ -19,7 +19,7 @@ from poseppl.program import CompiledModel
 from poseppl.runs.labels import Names
 
 FLAT = "unconstrained_posterior"
-"""The group of the draws of the flat state, ``state`` (chain, draw, frame, dof), as ArviZ calls it."""
+"""The group of the draws of the flat state, ``state`` (chain, draw, frame, state_dim), as ArviZ calls it."""
 
 HISTORY = "filter_history"
 """The group of what smoothers start from, see :mod:`poseppl.runs.filter_history`."""
@@ -42,7 +42,7 @@ def variable(tree: xr.DataTree, group: str, name: str) -> NDArray[Any] | None:
 
 
 def flat_draws(tree: xr.DataTree) -> xr.DataArray:
-    """Draws of the flat state, (chain, draw, frame, dof)."""
+    """Draws of the flat state, (chain, draw, frame, state_dim)."""
     return tree[FLAT].dataset["state"]
 
 
@@ -52,7 +52,7 @@ def draws_of(tree: xr.DataTree, name: str) -> NDArray[Any] | None:
 
 
 def names_of(tree: xr.DataTree, dim: str, group: str | None = None) -> list[str]:
-    """Names along a dimension such as ``dof``, of one group or of the first that has them; none without."""
+    """Names along a dimension such as ``state_dim``, of one group or of the first that has them; none without."""
     groups = (group_of(tree, name) for name in ([group] if group else tree.children))
     return next(([str(name) for name in data[dim].values] for data in groups if dim in data.coords), [])
 
@@ -65,8 +65,8 @@ def names_of_result(tree: xr.DataTree) -> Names:
     dims = {str(name): tuple(str(dim) for dim in each.dims if dim not in leading) for name, each in variables}
     finite = [str(name).removesuffix("_probability") for name in summary if str(name).endswith("_probability")]
     values = {name: summary[f"{name}_value"].values.tolist() for name in finite if f"{name}_value" in summary.coords}
-    along = {dim: names_of(tree, dim) for own in dims.values() for dim in own if dim != "dof"}
-    return Names(names_of(tree, "dof"), values, along, dims)
+    along = {dim: names_of(tree, dim) for own in dims.values() for dim in own if dim != "state_dim"}
+    return Names(names_of(tree, "state_dim"), values, along, dims)
 
 
 def frame_numbers(tree: xr.DataTree) -> Integers:
@@ -75,8 +75,8 @@ def frame_numbers(tree: xr.DataTree) -> Integers:
 
 
 def nearest_turn(tree: xr.DataTree, values: NDArray[Any], centre: NDArray[Any]) -> NDArray[Any]:
-    """Flat states (..., frame, dof), whose angles are counted in the turn about a centre (frame, dof)."""
-    angles = np.isin(names_of(tree, "dof"), _angles(tree))
+    """Flat states (..., frame, state_dim), whose angles are counted in the turn about a centre (frame, state_dim)."""
+    angles = np.isin(names_of(tree, "state_dim"), _angles(tree))
     turn = 2 * np.pi
     return np.where(angles, values + turn * np.round((centre - values) / turn), values) if angles.any() else values
 
@@ -107,7 +107,7 @@ def check_coordinates(tree: xr.DataTree, model: CompiledModel) -> None:
         ValueError: Its coordinates are others, or it is one of many series.
     """
     check_one_series(tree)
-    names = tuple(names_of(tree, "dof"))
+    names = tuple(names_of(tree, "state_dim"))
     if names != model.coordinate_names:
         raise ValueError(
             f"The result is one of the coordinates {list(names)}, the model of {list(model.coordinate_names)}. Expected the "

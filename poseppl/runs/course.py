@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from poseppl.errors import PosepplError
 from poseppl.files.store import Note
-from poseppl.filters.base import Info
+from poseppl.filters.base import FilterInfo
 from poseppl.filters.suitability import compatible_filters
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import overflow_message, overflown
-from poseppl.runs.compiled_scan import Calls, Kept, joined
+from poseppl.runs.compiled_scan import CompiledRun, StepOutput, joined
 from poseppl.runs.predictive import Prediction
 
 OnFailure = Literal["continue", "stop"]
@@ -59,7 +59,7 @@ class Run(NamedTuple):
     """
 
     outputs: Any
-    info: Info
+    info: FilterInfo
     unique_ancestors: NDArray[np.int32]
     state: Any
     failed: tuple[int, ...]
@@ -73,7 +73,7 @@ class Run(NamedTuple):
     cpu_seconds: float = float("nan")
 
 
-class Course:
+class FilterRun:
     """A run under way.
 
     Args:
@@ -88,12 +88,12 @@ class Course:
         resumed: How many of them came from a checkpoint.
     """
 
-    def __init__(self, calls: Calls, numbers: Sequence[int], on_failure: OnFailure, note: Note, started: float) -> None:
+    def __init__(self, calls: CompiledRun, numbers: Sequence[int], on_failure: OnFailure, note: Note, started: float) -> None:
         self._calls, self._numbers, self._on_failure, self._note = calls, numbers, on_failure, note
         self._started = self._compiled = started
         self._processor = time.process_time()
         self._state: Any = None
-        self._kept: list[Kept] = []
+        self._kept: list[StepOutput] = []
         self._warnings: list[str] = []
         self.stop = self.resumed = 0
 
@@ -109,7 +109,7 @@ class Course:
         self._calls.compile(first=not resumed)
         self._compiled, self._processor = time.perf_counter(), time.process_time()
 
-    def advance(self, stop: int) -> tuple[Any, Kept]:
+    def advance(self, stop: int) -> tuple[Any, StepOutput]:
         """Go on up to `stop`: the filter's state there, and what is kept of the frames.
 
         Frames whose state is not finite are computed twice.
@@ -130,7 +130,7 @@ class Course:
         self.take(state, kept)
         return state, kept
 
-    def take(self, state: Any, kept: Kept) -> None:
+    def take(self, state: Any, kept: StepOutput) -> None:
         """Go on from frames that are done: the state after them, and what was kept of them.
 
         Raises:
@@ -150,7 +150,7 @@ class Course:
             self.warn(collapse)
         return run._replace(warnings=tuple(self._warnings))
 
-    def _fault(self, kept: Kept) -> tuple[int, str] | None:
+    def _fault(self, kept: StepOutput) -> tuple[int, str] | None:
         """How many frames come before the one at which the run cannot go on, and why; None where it can."""
         for index in range(len(kept.finite)):
             number = self._numbers[self.stop + index]
@@ -181,7 +181,7 @@ class Course:
         done = None if state is None else self._run(kept, state)
         return RunError(problem, self._numbers[self.stop + good], done)
 
-    def _run(self, kept: list[Kept], state: Any) -> Run:
+    def _run(self, kept: list[StepOutput], state: Any) -> Run:
         seconds = self._compiled - self._started, time.perf_counter() - self._compiled
         whole = joined(kept)
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
@@ -190,7 +190,7 @@ class Course:
         parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history
         return Run(*parts, tuple(self._warnings), time.process_time() - self._processor)
 
-    def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
+    def _method(self, info: FilterInfo, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
         filter = self._calls.filter
         weighted = state.particles.ndim == 2 and not filter.closed_form

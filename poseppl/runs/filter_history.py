@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.filters.base import Filter, FilterInfo, FilterState
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.particles.weights import normalise
 
@@ -24,10 +24,10 @@ MIB = 2**20
 HISTORY_MIB = 256.0
 """Room for the history of a run, MiB, unless another one is asked for."""
 HISTORY_AXES = {
-    "state": ("frame", "particle", "dof"),
+    "state": ("frame", "particle", "state_dim"),
     **dict.fromkeys(("log_weight", "ancestor"), ("frame", "particle")),
-    "mean": ("frame", "dof"),
-    "covariance": ("frame", "dof", "other_dof"),
+    "mean": ("frame", "state_dim"),
+    "covariance": ("frame", "state_dim", "other_state_dim"),
 }
 """Dimensions of its variables in a result."""
 
@@ -40,7 +40,7 @@ class ParticleHistory(NamedTuple):
     ancestors: Array
 
 
-def history_of_frame(filter: Filter, state: FilterState, info: Info) -> ParticleHistory | Gaussian | None:
+def history_of_frame(filter: Filter, state: FilterState, info: FilterInfo) -> ParticleHistory | Gaussian | None:
     """What is kept of one frame; None of a filter of chains."""
     if state.particles.ndim != 2:
         return None
@@ -51,7 +51,7 @@ def history_of_frame(filter: Filter, state: FilterState, info: Info) -> Particle
     return ParticleHistory(state.particles, normalise(state.log_weights).log_weights, jnp.asarray(ancestors, jnp.int32))
 
 
-def with_genealogy_alone(filter: Filter, info: Info) -> Info:
+def with_genealogy_alone(filter: Filter, info: FilterInfo) -> FilterInfo:
     """A diagnosis whose ancestors are none where a filter's particles descend from no single one."""
     return info if filter.genealogy else info._replace(ancestors=jnp.zeros(0, jnp.int32))
 

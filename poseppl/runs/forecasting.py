@@ -28,7 +28,7 @@ from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.resampling import systematic
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import check_exact
 from poseppl.program.population import propagate
@@ -131,7 +131,7 @@ def hindcast(
     starts = len(numbers) - horizon
     chosen = np.moveaxis(_draws(result, num_draws, jax.random.fold_in(rng_key, _START)), 2, 0)[:starts]
     ahead = np.arange(starts)[:, None] + np.arange(1, horizon + 1)
-    windows = rows_of(stacked_inputs(inputs, len(numbers)), ahead)
+    windows = tree_index(stacked_inputs(inputs, len(numbers)), ahead)
     keys = jax.random.split(rng_key, (starts, horizon))
     data = _from_all(model, keys, chosen.reshape(starts, -1, chosen.shape[-1]), windows)
     variables = {}
@@ -145,7 +145,7 @@ def _draws(result: xr.DataTree, number: int | None, rng_key: Array) -> NDArray[A
     """Draws (chain, number, frame, d): of all particles by weight where the result keeps them, else some of its draws."""
     kept = group_of(result, HISTORY)
     if number is None or "state" not in kept:
-        draws: NDArray[Any] = flat_draws(result).transpose("chain", "draw", "frame", "dof").values
+        draws: NDArray[Any] = flat_draws(result).transpose("chain", "draw", "frame", "state_dim").values
         return draws if number is None else draws[:, np.arange(number) * draws.shape[1] // number]
     particles, log_weights = kept["state"].values, kept["log_weight"].values
     keys = jax.random.split(rng_key, len(particles))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.checks import check_at_least
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import (
     Constant as Constant,
@@ -68,17 +68,17 @@ class FrameSequence(NamedTuple):
 
     def inputs_are_finite(self, frame: int) -> bool:
         """Whether no input of a frame, nor a constant one, is NaN or infinite."""
-        given = jax.tree.leaves((rows_of(self.varying, frame - self.before), self.constant))
+        given = jax.tree.leaves((tree_index(self.varying, frame - self.before), self.constant))
         return all(bool(np.isfinite(leaf).all()) for leaf in map(np.asarray, given) if leaf.dtype.kind == "f")
 
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
-        return rows_of((self.observations, self.varying), index)
+        return tree_index((self.observations, self.varying), index)
 
     def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
         """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
         index = np.minimum(np.arange(start, start + chunk) - self.before, self.num_frames - 1)
-        return rows_of((self.observations, self.varying), index)
+        return tree_index((self.observations, self.varying), index)
 
 
 def frame_sequence(observations: Observation, inputs: Any, num_frames: int | None) -> FrameSequence:

@@ -1,7 +1,7 @@
 """Names of the dimensions of a result's arrays, and their coordinates.
 
-Axes of a variable that :class:`Names` describes have the dimensions given there, ``state`` has ``dof``; those of any other are
-called ``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
+Axes of a variable that :class:`Names` describes have the dimensions given there, ``state`` has ``state_dim``; those of any
+other are called ``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
 
 >>> known = coordinates(Names(("level",)), (1, 2, 3))
 >>> labelled({"state": np.zeros((1, 2, 3, 1)), "rate": np.ones((1, 2, 3, 4))}, ("chain", "draw", "frame"), known)["rate"].dims
@@ -29,13 +29,13 @@ class Names(NamedTuple):
     """Names of a result's coordinates and dimensions.
 
     Attributes:
-        dof: Names of the flat state's coordinates.
+        state_dim: Names of the flat state's coordinates.
         values: The values that a site of finitely many takes, by the site's name.
         along: Names along further dimensions; a dimension without names has no coordinate.
         dims: The last dimensions of variables, by the variable's name.
     """
 
-    dof: Sequence[str]
+    state_dim: Sequence[str]
     values: Mapping[str, Sequence[int]] = _NONE
     along: Mapping[str, Sequence[str]] = _NONE
     dims: Dims = _NONE
@@ -49,7 +49,7 @@ def coordinates(
         "chain": np.arange(shape[0]),
         "draw": np.arange(shape[1]),
         "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
-        "dof": np.array(names.dof, dtype=str),
+        "state_dim": np.array(names.state_dim, dtype=str),
         **{name: np.array(given, dtype=str) for name, given in names.along.items() if len(given)},
         **{f"{name}_value": np.array(given) for name, given in names.values.items()},
         "quantile": np.array(quantiles, float),
@@ -58,7 +58,7 @@ def coordinates(
 
 def _dims_of(name: str, number: int, dims: Dims) -> tuple[str, ...]:
     """Names of the last dimensions of a variable."""
-    own = dims.get(name, ("dof",) if name == "state" else ())
+    own = dims.get(name, ("state_dim",) if name == "state" else ())
     return own if len(own) == number else tuple(f"{name}_dim_{i}" for i in range(number))
 
 

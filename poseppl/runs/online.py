@@ -17,7 +17,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 
 from poseppl.compilation import jit
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, FilterInfo
 from poseppl.filters.scan import frame_keys
 from poseppl.program import Observation
 from poseppl.program.explanation import check_inputs
@@ -47,7 +47,7 @@ class Online:
         self.frame = 0
         self.state: Any = None
 
-    def update(self, observation: Observation | Mapping[str, ArrayLike], inputs: Any = None) -> tuple[Any, Info]:
+    def update(self, observation: Observation | Mapping[str, ArrayLike], inputs: Any = None) -> tuple[Any, FilterInfo]:
         """Take the next frame.
 
         Args:
@@ -94,11 +94,11 @@ def _programs(filter: Filter) -> tuple[Any, Any]:
     """A filter's `init` and `step`, compiled for single frames; both return besides whether the state is finite."""
     tell_filter_defined_anew(filter)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
+    def init(rng_key: Array, observation: Observation, inputs: Any) -> tuple[Any, FilterInfo, Array]:
         state, info = filter.init(rng_key, observation, inputs)
         return state, info, is_finite(state, filter.model)
 
-    def step(rng_key: Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
+    def step(rng_key: Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, FilterInfo, Array]:
         new, info = filter.step(rng_key, state, observation, inputs)
         return new, info, is_finite(new, filter.model)
 

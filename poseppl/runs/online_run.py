@@ -23,8 +23,8 @@ from poseppl.filters.scan import Collect
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.compiled_scan import Calls, Kept
-from poseppl.runs.course import Course, OnFailure, Run
+from poseppl.runs.compiled_scan import CompiledRun, StepOutput
+from poseppl.runs.course import FilterRun, OnFailure, Run
 from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
 from poseppl.runs.predictive import Predict
 
@@ -65,15 +65,15 @@ class OnlineRun:
         self._filter = filter
         self._numbers: list[int] = []
         sequence = self._sequence(observations, inputs)
-        self._calls = Calls(filter, collect, predict, sequence, rng_key, single=True)
-        self._course = Course(self._calls, self._numbers, on_failure, note, started)
+        self._calls = CompiledRun(filter, collect, predict, sequence, rng_key, single=True)
+        self._course = FilterRun(self._calls, self._numbers, on_failure, note, started)
         self._course.warn(*coarse_inputs(inputs))
         self._course.compile(resumed=0)
         self._seconds = self._processor = 0.0
         self.first = self._advance(sequence, frame_numbers)
         """What was kept of the first frames."""
 
-    def add(self, observations: Observation, inputs: Any = None, frame_numbers: Sequence[int] | None = None) -> Kept:
+    def add(self, observations: Observation, inputs: Any = None, frame_numbers: Sequence[int] | None = None) -> StepOutput:
         """Take more frames; what is kept of them.
 
         Raises:
@@ -94,7 +94,7 @@ class OnlineRun:
             check_frame_shapes(self._filter.model.observation_sites, sequence.observations, sequence.num_frames)
         return sequence
 
-    def _advance(self, sequence: FrameSequence, numbers: Sequence[int] | None) -> Kept:
+    def _advance(self, sequence: FrameSequence, numbers: Sequence[int] | None) -> StepOutput:
         stop = self._course.stop + sequence.num_frames
         self._numbers += range(self._course.stop, stop) if numbers is None else [int(number) for number in numbers]
         began, processor = time.perf_counter(), time.process_time()

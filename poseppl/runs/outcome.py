@@ -68,7 +68,7 @@ def result_of_run(
 
     Args:
         run: The run.
-        model: The model that the filter or the smoother was built for; its coordinates give the names of ``dof``.
+        model: The model that the filter or the smoother was built for; its coordinates give the names of ``state_dim``.
         observations: The data with a leading T, kept as ``observed_data`` with NaN where masked.
         truth: The true flat states (T, d), where known.
         attrs: Provenance: anything that JSON can hold.
@@ -147,7 +147,7 @@ def history_of_result(tree: xr.DataTree, rng_key: Array) -> History:
         return History(kept["state"], kept["log_weight"], ancestors, failed)  # type: ignore[arg-type]
     if "mean" in kept:
         return _equal_weights(_gaussian_draws(kept, rng_key), failed)
-    draws = flat_draws(tree).transpose("frame", "chain", "draw", "dof").values
+    draws = flat_draws(tree).transpose("frame", "chain", "draw", "state_dim").values
     return _equal_weights(draws.reshape(len(draws), -1, draws.shape[-1]), failed)
 
 

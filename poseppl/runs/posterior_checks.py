@@ -27,7 +27,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.compilation import jit
 from poseppl.errors import InputError
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import propagate
 from poseppl.runs.contents import arrays_of, flat_draws
@@ -66,8 +66,8 @@ def check_posterior(
     Returns:
         The result with the group ``posterior_checks`` (a shallow copy): ``data_square``, the mean squared residual of a
         frame's data over what the draws expect of it, and ``data_seen``, the entries that count, (frame,); of draws of whole
-        trajectories ``step_square`` and ``step_expected`` (frame, dof), NaN in the first frame. As it is where it has fewer
-        than 8 draws.
+        trajectories ``step_square`` and ``step_expected`` (frame, state_dim), NaN in the first frame. As it is where it has
+        fewer than 8 draws.
 
     Raises:
         InputError: The result is not smoothed.
@@ -79,7 +79,7 @@ def check_posterior(
     known = provenance(result)
     if "smoother" not in known:
         raise InputError("the result is not smoothed", expected="the result of smooth; infer(..., predict=) checks a filter")
-    state = flat_draws(result).transpose("frame", "chain", "draw", "dof").values
+    state = flat_draws(result).transpose("frame", "chain", "draw", "state_dim").values
     draws = state.reshape(len(state), -1, state.shape[-1])
     if draws.shape[1] < _MIN:
         return result
@@ -89,16 +89,16 @@ def check_posterior(
     observations = model.observe(arrays_of(result, "observed_data")) if data is None else data
     key_data, key_steps = jax.random.split(rng_key)
     checks: dict[str, Any] = {}
-    if model.why_not_predictive(None if rows is None else rows_of(rows, 0)) is None:
+    if model.why_not_predictive(None if rows is None else tree_index(rows, 0)) is None:
         square, seen = _data(model, jax.random.split(key_data, len(draws)), draws, observations, rows)
         checks |= {"data_square": ("frame", np.asarray(square)), "data_seen": ("frame", np.asarray(seen))}
     if known.get("joint") and len(draws) > 1:
-        later = rows_of(rows, slice(1, None))
+        later = tree_index(rows, slice(1, None))
         steps = _steps(model, jax.random.split(key_steps, len(draws) - 1), draws[1:], draws[:-1], later)
         first = np.full((1, draws.shape[-1]), np.nan)
         for name, values in zip(("step_square", "step_expected"), steps, strict=True):
-            checks[name] = (("frame", "dof"), np.concatenate([first, np.asarray(values)]))
-    coords = {"frame": flat_draws(result)["frame"].values, "dof": flat_draws(result)["dof"].values}
+            checks[name] = (("frame", "state_dim"), np.concatenate([first, np.asarray(values)]))
+    coords = {"frame": flat_draws(result)["frame"].values, "state_dim": flat_draws(result)["state_dim"].values}
     checked = result.copy()
     checked[GROUP] = xr.DataTree(xr.Dataset(checks, coords=coords))
     return checked

@@ -53,7 +53,7 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
         expected = f"the sites {list(model.observation_sites)}"
         raise InputError("the result does not hold the data", field="observed_data", expected=expected)
     observations = model.observe({name: held[name] for name in model.observation_sites})
-    draws = flat_draws(result).transpose("frame", "chain", "draw", "dof").values
+    draws = flat_draws(result).transpose("frame", "chain", "draw", "state_dim").values
     frames, chains, length, dimension = draws.shape
     keys = jax.random.split(rng_key, frames)
     flat = draws.reshape(frames, chains * length, dimension)

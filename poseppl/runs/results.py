@@ -5,26 +5,26 @@ group                        variables
 ===========================  =================================================================================================
 ``posterior``                the state's sites by name, as the programs know them, (chain, draw, frame, ...), and the model's
                              extras, its deterministic sites
-``unconstrained_posterior``  ``state`` (chain, draw, frame, dof), the flat vectors that algorithms see: logarithms of what is
-                             positive, stick-breaking coordinates of what adds up to one
+``unconstrained_posterior``  ``state`` (chain, draw, frame, state_dim), the flat vectors that algorithms see: logarithms of
+                             what is positive, stick-breaking coordinates of what adds up to one
 ``sample_stats``             one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
-``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), made over all draws or
-                             particles, where ``posterior`` may hold a thinning of them;
+``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, state_dim), made over all
+                             draws or particles, where ``posterior`` may hold a thinning of them;
                              where the algorithm knows the moments of the flat state they are these, without error of draws;
                              of a site ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
                              ``NAME_probability`` (frame, ..., NAME_value)
 ``observed_data``            the data by name, (frame, ...); NaN where missing
 ``faults``                   probabilities, given all data, that data are wrong, (frame, ...)
-``truth``                    where there is one: ``state`` (frame, dof), and what else is known, (frame, ...)
+``truth``                    where there is one: ``state`` (frame, state_dim), and what else is known, (frame, ...)
 ``inputs``                   what else the model was given, so that a smoother finds it again
 ``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:
                              ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
                              ``chi_square`` and ``chi_square_transform`` (frame,); of a smoothed result those of its filter
 ``filtered``                 of a smoothed result its filter's ``state_mean``, ``state_sd`` and ``ess``
-``filter_history``           of a filter's result what smoothers start from: ``state`` (frame, particle, dof),
+``filter_history``           of a filter's result what smoothers start from: ``state`` (frame, particle, state_dim),
                              ``log_weight`` and ``ancestor`` (frame, particle) of weighted particles, the index of the one
-                             before that each descends from; or ``mean`` (frame, dof) and ``covariance`` (frame, dof,
-                             other_dof)
+                             before that each descends from; or ``mean`` (frame, state_dim) and ``covariance`` (frame,
+                             state_dim, other_state_dim)
 ``hindcasts``                added by :func:`poseppl.diagnostics.add_hindcasts`
 ``posterior_checks``         added by :func:`poseppl.runs.posterior_checks.check_posterior`
 ``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
@@ -35,7 +35,7 @@ Weighted particles have no chains: their ``posterior`` is one chain of draws res
 ``num_particles`` holds the number of particles behind each frame. Of a smoothed result the attribute ``joint`` says whether
 draws of one index are one trajectory along the frames. The provenance is in the root attributes, as JSON.
 
->>> tree = build_result(state=np.zeros((2, 5, 3, 1)), names=Names(dof=("level",)), attrs={"model": "random walk"})
+>>> tree = build_result(state=np.zeros((2, 5, 3, 1)), names=Names(state_dim=("level",)), attrs={"model": "random walk"})
 >>> tree["posterior"].sizes["draw"], provenance(tree)["model"]
 (5, 'random walk')
 """
@@ -61,10 +61,10 @@ VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
 _CHECK_AXES = {
-    **dict.fromkeys(("predicted_mean", "predicted_variance", "predicted_error", "autoregression"), ("frame", "dof")),
-    **dict.fromkeys(("explained", "weighted_mean"), ("frame", "dof")),
-    **dict.fromkeys(("weighted_covariance", "memory", "transfer"), ("frame", "dof", "other_dof")),
-    "weighted_draws": ("frame", "weighted_draw", "dof"),
+    **dict.fromkeys(("predicted_mean", "predicted_variance", "predicted_error", "autoregression"), ("frame", "state_dim")),
+    **dict.fromkeys(("explained", "weighted_mean"), ("frame", "state_dim")),
+    **dict.fromkeys(("weighted_covariance", "memory", "transfer"), ("frame", "state_dim", "other_state_dim")),
+    "weighted_draws": ("frame", "weighted_draw", "state_dim"),
 }
 """Axes of predictive checks that are of the state's coordinates, rather than of the data's entries."""
 
@@ -96,19 +96,19 @@ def build_result(
     """Assemble the result of a run.
 
     Args:
-        state: (chain, draw, frame, dof) draws.
+        state: (chain, draw, frame, state_dim) draws.
         names: Names of the coordinates.
         sites: Draws of the state's sites, (chain, draw, frame, ...); the flat state itself is the only site if None.
         extras: Draws of the model's deterministic sites, (chain, draw, frame, ...).
         sample_stats: (frame,) each.
-        summary: ``state_mean`` (frame, dof), ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the like for extras.
-            Those of ``state`` are computed from the draws if absent.
+        summary: ``state_mean`` (frame, state_dim), ``state_sd``, ``state_quantile`` (frame, quantile, state_dim), and the
+            like for extras. Those of ``state`` are computed from the draws if absent.
         quantiles: Levels of the quantiles, ascending.
         observed: The data by name, (frame, ...) each, NaN where missing.
         faults: Probabilities that data are wrong, (frame, ...) each.
         truth: The truth by name, (frame, ...) each: ``state``, and whatever else is known; None where it is not.
         inputs: What else the model was given, by name, so that a smoother finds it again.
-        predictive: Predictive checks, (frame, entry), (frame, dof) or (frame,) each.
+        predictive: Predictive checks, (frame, entry), (frame, state_dim) or (frame,) each.
         history: What the filter leaves for smoothers, by name.
         frames: (frame,) frame numbers; 0, 1, ... if None.
         rate: Frames a second.
@@ -124,7 +124,7 @@ def build_result(
     """
     draws = np.asarray(state)
     if draws.ndim != 4:
-        raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
+        raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, state_dim)")
     known = coordinates(names, draws.shape, frames, quantiles)
     posterior = {**(extras or {}), **({"state": draws} if sites is None else sites)}
     dims, flat = names.dims, {"state": draws}

@@ -27,8 +27,8 @@ from poseppl.program import Observation
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
-from poseppl.runs.compiled_scan import Calls, Kept as Kept
-from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
+from poseppl.runs.compiled_scan import CompiledRun, StepOutput as StepOutput
+from poseppl.runs.course import FilterRun, OnFailure, Run as Run, RunError as RunError
 from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, FrameSequence, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
@@ -108,8 +108,8 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * MIB)
-    course = Course(calls, numbers, on_failure, note, started)
+    calls = CompiledRun(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * MIB)
+    course = FilterRun(calls, numbers, on_failure, note, started)
     if calls.history_bytes > history_mib * MIB > 0:
         course.warn(no_room(calls.history_bytes / MIB, history_mib))
     course.warn(*coarse_inputs(inputs))
@@ -125,7 +125,7 @@ def run_filter(
 
 
 def _go_on(
-    course: Course, num_frames: int, length: int, checkpoint: Checkpoint | None, progress: Progress | None, adapts: bool
+    course: FilterRun, num_frames: int, length: int, checkpoint: Checkpoint | None, progress: Progress | None, adapts: bool
 ) -> None:
     """Run the frames that are left, in parts of this length, or as many at a time as take about a quarter of a second."""
     pace = _SAVED if adapts else length
@@ -142,8 +142,13 @@ def _go_on(
 
 
 def _saved(
-    checkpoint: Checkpoint, sequence: FrameSequence, rng_key: Array, calls: Calls, length: int, note: Callable[[str], None]
-) -> list[tuple[Any, Kept]]:
+    checkpoint: Checkpoint,
+    sequence: FrameSequence,
+    rng_key: Array,
+    calls: CompiledRun,
+    length: int,
+    note: Callable[[str], None],
+) -> list[tuple[Any, StepOutput]]:
     """Open a checkpoint, and load the parts that it holds of this run."""
     data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
     known = {"num_frames": sequence.num_frames, "state": calls.state, "history": calls.keeps_history}

@@ -13,7 +13,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import check_exact
 from poseppl.runs.frame_sequence import stacked_inputs
@@ -53,14 +53,14 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
 
 def draw_sequence(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
     """States (T, d) and data by site (T, ...), from keys (T, 2); pure, to be vmapped and jitted."""
-    first = model.sample_initial(keys[0, 0], rows_of(inputs, 0))
+    first = model.sample_initial(keys[0, 0], tree_index(inputs, 0))
 
     def advance(x: Array, row: Any) -> tuple[Array, Array]:
         key, inputs = row
         x = model.sample_transition(key, x, inputs)
         return x, x
 
-    later = rows_of(inputs, slice(1, None))
+    later = tree_index(inputs, slice(1, None))
     _, rest = jax.lax.scan(advance, first, (keys[1:, 0], later))
     states = jnp.concatenate([first[None], rest])
     return states, jax.vmap(model.sample_observation)(keys[:, 1], states, inputs)

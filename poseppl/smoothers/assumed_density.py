@@ -22,7 +22,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import Method
 from poseppl.gaussians.marginals import gaussian_marginals
-from poseppl.particles.stacks import prepend, rows_of
+from poseppl.particles.stacks import prepend, tree_index
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -65,6 +65,6 @@ def _forward(model: CompiledModel, history: History, inputs: Any, method: Method
     def advance(before: Gaussian, inputs: Any) -> tuple[Gaussian, Array, Array]:
         return predict_with_gain(model, before, before, inputs, method)
 
-    predicted, gains, left = jax.vmap(advance)(rows_of(filtered, slice(-1)), rows_of(inputs, slice(1, None)))
+    predicted, gains, left = jax.vmap(advance)(tree_index(filtered, slice(-1)), tree_index(inputs, slice(1, None)))
     nothing = jnp.zeros_like(covariances[0])
     return ForwardPass(filtered, prepend(means[0], predicted.mean), prepend(nothing, gains), prepend(nothing, left))

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_transitions_into
@@ -64,7 +64,7 @@ def backward_pass(
     Returns:
         Indices (T, ...), and what else the steps returned, stacked (T - 1, ...).
     """
-    later = rows_of((particles, ancestors, inputs), slice(1, None))
+    later = tree_index((particles, ancestors, inputs), slice(1, None))
     frames = Earlier(particles[:-1], log_weights[:-1], *later)
 
     def back(chosen: Array, row: tuple[Array, Earlier]) -> tuple[Array, Any]:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.compilation import with_full_precision
-from poseppl.filters.base import Info, check_noise
+from poseppl.filters.base import FilterInfo, check_noise
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -114,7 +114,7 @@ NOISELESS = "backward_simulation_smoother or particle_gibbs_smoother, or for lin
 """Smoothers of models with sites that have no noise."""
 
 
-def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> History:
+def collect_history(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> History:
     """Collector for :func:`poseppl.runs.run.run_filter`: all particles with their weights and ancestors."""
     particles = state.particles.reshape(-1, state.particles.shape[-1])
     return History(particles, normalise(state.log_weights.reshape(-1)).log_weights, info.ancestors, info.failed)

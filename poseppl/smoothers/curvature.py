@@ -36,7 +36,7 @@ from poseppl.gaussians.block_tridiagonal import (
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import transition_around, transition_curvature, transition_structure
 from poseppl.kernels.laplace import likeliest
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.dependence import output_dependence
 
@@ -98,7 +98,7 @@ def safe_cholesky(precision: BlockTridiagonal) -> BlockCholesky:
     return BlockCholesky(jnp.where(sound, factor.inverses, eye), jnp.where(sound, factor.gains, 0.0))
 
 
-def climb(
+def find_mode(
     model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int, *, majorised: bool = False
 ) -> Array:
     """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
@@ -220,12 +220,12 @@ def _damped_step(log_density: Callable[[Array], Array], factor: BlockCholesky, x
 
 def _prior_precisions(model: CompiledModel, num_frames: int, inputs: Any) -> Callable[[Array], BlockTridiagonal]:
     """The part of the first state and of the transitions, as a function of a trajectory (T, d)."""
-    later = rows_of(inputs, slice(1, None))
+    later = tree_index(inputs, slice(1, None))
 
     def precision(xs: Array) -> BlockTridiagonal:
         before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
         diagonal = jnp.zeros((*xs.shape, model.dimension), xs.dtype)
-        diagonal = diagonal.at[0].set(_initial_precision(model, xs[0], rows_of(inputs, 0)))
+        diagonal = diagonal.at[0].set(_initial_precision(model, xs[0], tree_index(inputs, 0)))
         return BlockTridiagonal(diagonal.at[:-1].add(before).at[1:].add(after), below)
 
     zero = jnp.zeros((num_frames, model.dimension))
@@ -246,7 +246,7 @@ def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:
 def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[Array, Array, Array]]:
     """`(previous, x, inputs) -> blocks (t-1, t-1), (t, t-1), (t, t)`, each (d, d)."""
     d = model.dimension
-    first = rows_of(inputs, 0)
+    first = tree_index(inputs, 0)
 
     zero = jnp.zeros(d)
     exact = _has_moments(lambda: model.transition_moments(zero, first))

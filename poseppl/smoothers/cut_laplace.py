@@ -24,7 +24,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, marginal_covariances, solve, solve_upper
 from poseppl.gaussians.marginals import gaussian_marginals
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
@@ -56,7 +56,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
         start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
-        mean, covariance = model.initial_moments(rows_of(inputs, 0))
+        mean, covariance = model.initial_moments(tree_index(inputs, 0))
         size = len(mean) - num_static
         static = mean[size:]
         precision = trajectory_precisions(model, observations, inputs)

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, FilterInfo
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -60,7 +60,7 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
     """Make a filter of particles smooth as it goes.
 
     Args:
-        filter: A filter whose `Info.ancestors` has one entry for each particle; others raise a ValueError at their first
+        filter: A filter whose `FilterInfo.ancestors` has one entry for each particle; others raise a ValueError at their first
             step.
         lag: L, the number of later frames that a frame waits for, at least 0.
 
@@ -72,11 +72,13 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
     """
     check_at_least(0, lag=lag)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, FilterInfo]:
         inner, info = filter.init(rng_key, observation, inputs)
         return FixedLagState(inner, jnp.broadcast_to(inner.particles, (lag + 1, *inner.particles.shape))), info
 
-    def step(rng_key: Array, state: FixedLagState, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
+    def step(
+        rng_key: Array, state: FixedLagState, observation: Observation, inputs: Any = None
+    ) -> tuple[FixedLagState, FilterInfo]:
         inner, info = filter.step(rng_key, state.inner, observation, inputs)
         if info.ancestors.shape != inner.log_weights.shape:
             raise ValueError(

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -59,7 +59,7 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
         last = normalise(history.log_weights[-1])
-        later = rows_of((history.particles, inputs), slice(1, None))
+        later = tree_index((history.particles, inputs), slice(1, None))
         frames = (history.particles[:-1], history.log_weights[:-1], *later)
         _, (log_weights, ess, unreachable) = jax.lax.scan(reweigh, last.weights, frames, reverse=True)
         info = smoothing_info(

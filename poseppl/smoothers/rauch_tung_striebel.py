@@ -26,7 +26,7 @@ from poseppl.filters.kalman import gaussian_form, update
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, semidefinite_root, triangular
 from poseppl.gaussians.linearisation import Method, Moments, linearise_about, predict
 from poseppl.gaussians.marginals import gaussian_marginals
-from poseppl.particles.stacks import append, prepend, rows_of, split_first
+from poseppl.particles.stacks import append, prepend, split_first, tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother
@@ -107,7 +107,7 @@ def _passes(model: CompiledModel, observations: Observation, inputs: Any, method
 
 def backward_moments(forward: ForwardPass) -> RootGaussian:
     """Means (T, d) and covariances of the smoothed Gaussians, by their roots (T, d, d)."""
-    last: Any = rows_of(forward.filtered, -1)
+    last: Any = tree_index(forward.filtered, -1)
     end = RootGaussian(last.mean, _root(last))
 
     def back(later: RootGaussian, row: Any) -> tuple[RootGaussian, RootGaussian]:
@@ -132,7 +132,7 @@ def _forward(
     """The forward pass, linearised around given Gaussians (T, ...), or as a Kalman filter if None."""
     first, later = split_first((observations, inputs))
     predicted: Any = gaussian_form(model)(*model.initial_moments(first[1]))
-    filtered = update(model, predicted, *first, method, about=rows_of(about, 0))[0]
+    filtered = update(model, predicted, *first, method, about=tree_index(about, 0))[0]
 
     def advance(filtered: Any, row: Any) -> tuple[Any, ForwardPass]:
         (observation, inputs), before, now = row
@@ -141,7 +141,7 @@ def _forward(
         new = update(model, predicted, observation, inputs, method, about=now)[0]
         return new, ForwardPass(new, predicted.mean, gain, left)
 
-    rows = later, rows_of(about, slice(-1)), rows_of(about, slice(1, None))
+    rows = later, tree_index(about, slice(-1)), tree_index(about, slice(1, None))
     _, rest = jax.lax.scan(advance, filtered, rows)
     nothing = jnp.zeros_like(filtered.covariance)
     return prepend(ForwardPass(filtered, predicted.mean, nothing, nothing), rest)
@@ -165,7 +165,7 @@ def predict_with_gain(
 
 def draw_backwards(rng_key: Array, forward: ForwardPass, num_draws: int) -> Array:
     """Draw trajectories (T, N, d)."""
-    means, roots = forward.filtered.mean, append(forward.left[1:], _root(rows_of(forward.filtered, -1)))
+    means, roots = forward.filtered.mean, append(forward.left[1:], _root(tree_index(forward.filtered, -1)))
     noise = jax.random.normal(rng_key, (len(means), num_draws, means.shape[1]), means.dtype)
     moved = means[:, None] + noise @ jnp.swapaxes(roots, 1, 2)
 

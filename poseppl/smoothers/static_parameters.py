@@ -32,7 +32,7 @@ from poseppl.checks import check_at_least, check_choice, check_key
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.frame_inputs import stacked_inputs
@@ -143,7 +143,7 @@ def particle_gibbs(
     adaptation = adaptation._replace(log_step_size_avg=adaptation.log_step_size)
     rows = jax.random.split(key_sweeps, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
     final, kept = jax.lax.scan(partial(_sweep, setting), _State(trajectories, positions, adaptation, known), rows)
-    draws, params, diagnosis = rows_of(kept, slice(num_warmup, None))
+    draws, params, diagnosis = tree_index(kept, slice(num_warmup, None))
     unconstrained = jnp.swapaxes(params, 0, 1)
     return ParticleGibbs(
         params=jax.vmap(jax.vmap(bijector.to_params))(unconstrained),

@@ -36,7 +36,7 @@ from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, a
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
-from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
+from poseppl.smoothers.curvature import average_precision, find_mode, safe_cholesky
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.starts import initial_trajectories
 
@@ -87,7 +87,7 @@ def trajectory_smoother(
         lengths = trajectory_lengths(key_length, settings)
 
         def run(key: Array, start: Array) -> tuple[Array, AdaptedChain]:
-            mode = climb(model, start, observations, inputs, num_mode_steps)
+            mode = find_mode(model, start, observations, inputs, num_mode_steps)
 
             def to_states(z: Array) -> Array:
                 return mode + solve_upper(factor, z.reshape(mode.shape))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 import poseppl.filters
-from poseppl.filters import Filter, Info, ParticleState
+from poseppl.filters import Filter, FilterInfo, ParticleState
 
 
 def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
@@ -16,7 +16,7 @@ def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
 
     def breaking_filter(model: Any, num_particles: int = 4) -> Filter:
         zero, number = jnp.zeros(()), jnp.int32(0)
-        info = Info(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
+        info = FilterInfo(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
 
         def state(frame: Any, inputs: Any) -> ParticleState:
             particles = jnp.where(frame < at, inputs.start, jnp.nan) * jnp.ones((4, 1))

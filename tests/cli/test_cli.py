@@ -53,7 +53,10 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["smooth", "poseppl-walk.nc", "--method", "forward-backward", "-q"]) == 0
     smoothed = load_result("poseppl-walk-forward-backward.nc")
     assert smoothed["posterior"].sizes["frame"] == 4
-    assert smoothed["unconstrained_posterior"]["dof"].values.tolist() == tree["unconstrained_posterior"]["dof"].values.tolist()
+    assert (
+        smoothed["unconstrained_posterior"]["state_dim"].values.tolist()
+        == tree["unconstrained_posterior"]["state_dim"].values.tolist()
+    )
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]

@@ -68,7 +68,7 @@ def test_particles_have_no_rhat_and_closed_forms_no_ess(comparison: xr.DataTree)
         assert np.isnan(kalman[name]).all()
     assert np.isfinite(kalman["error"]).all() and np.isfinite(kalman["joint_error"]).all()
     assert figures["kind"].values.tolist() == ["chains", "chains", "weighted particles", "closed form"]
-    for name in ("winner", "winner_by_dof"):
+    for name in ("winner", "winner_by_state_dim"):
         ratio = comparison[name].dataset.sel(run="kalman", quantity=["ess_per_second", "ess_per_evaluation"])
         assert not ratio["not_worse"].any() and np.isnan(ratio["ratio"]).all()
 
@@ -85,9 +85,9 @@ def test_summaries_are_means_over_frames(comparison: xr.DataTree) -> None:
     np.testing.assert_allclose(summary["ess_per_second_all"], 2000 / figures["tau"].mean())
     np.testing.assert_allclose(summary["rhat"], figures["rhat"].max("frame"))
     np.testing.assert_allclose(summary["error_over_sd"], figures["error_over_sd"].median("frame"))
-    np.testing.assert_allclose(summary["tau_all"], figures["tau"].mean(("frame", "dof")))
-    np.testing.assert_allclose(summary["tau_median_all"], figures["tau"].median(("frame", "dof")))
-    inside = figures["inside"].mean(("frame", "dof"))
+    np.testing.assert_allclose(summary["tau_all"], figures["tau"].mean(("frame", "state_dim")))
+    np.testing.assert_allclose(summary["tau_median_all"], figures["tau"].median(("frame", "state_dim")))
+    inside = figures["inside"].mean(("frame", "state_dim"))
     np.testing.assert_allclose(summary["coverage_all"], inside)
     assert (np.abs(summary["coverage_all"] - summary["level"]) < 5 * summary["coverage_se_all"]).all()
     assert (np.abs(summary["coverage"] - summary["level"]) < 5 * summary["coverage_se"]).all()
@@ -102,7 +102,7 @@ def test_the_quicker_run_wins_by_the_known_factor() -> None:
     result = compare(long)
     outcome = result["winner"].dataset.sel(quantity="ess_per_second", run="slow")
     assert result["winner"]["winner"].sel(quantity="ess_per_second").item() == "quick"
-    assert (result["winner_by_dof"]["winner"].sel(quantity="ess_per_second") == "quick").all()
+    assert (result["winner_by_state_dim"]["winner"].sel(quantity="ess_per_second") == "quick").all()
     reach = float(np.log(outcome["ratio_high"] / outcome["ratio"])) - np.log(1.1)
     assert 0 < reach < 0.1
     assert abs(float(np.log(6 * outcome["ratio"]))) < reach + 0.03, "and 3 % for the bias of ArviZ's estimate at this length"
@@ -112,7 +112,7 @@ def test_the_quicker_run_wins_by_the_known_factor() -> None:
 def test_the_smaller_error_wins_in_all_and_in_every_coordinate() -> None:
     result = compare({"near": run_on(DATA, seed=1), "far": run_on(DATA, seed=2, shift=5.0)})
     assert result["winner"]["winner"].sel(quantity="error").item() == "near"
-    assert (result["winner_by_dof"]["winner"].sel(quantity="error") == "near").all()
+    assert (result["winner_by_state_dim"]["winner"].sel(quantity="error") == "near").all()
 
 
 def test_equal_runs_tie_and_are_called_so() -> None:
@@ -181,7 +181,7 @@ def test_variance_between_seeds_is_that_of_the_mean() -> None:
     cells = 7 * DATA["state"].size
     assert 0.5 * np.sqrt(2 / cells) < error / estimate < 2 * np.sqrt(2 / cells)
     assert abs(estimate - 1 / 200) < 5 * error
-    np.testing.assert_allclose(points["variance_by_dof"].mean("dof"), points["variance"])
+    np.testing.assert_allclose(points["variance_by_state_dim"].mean("state_dim"), points["variance"])
     assert abs(float(points["variance"][1]) - 1 / 80) < 0.25 / 80, "its own estimate, from short chains"
     np.testing.assert_allclose(points["seconds"], 0.1)
     pair = compare({"a": run_on(DATA, seed=0), "b": run_on(DATA, seed=1)})["variance"].dataset
@@ -194,22 +194,22 @@ def test_the_error_of_a_variance_between_seeds_is_the_jackknifes() -> None:
     sd = np.array([0.5, 3.0])
     figures = xr.Dataset(
         {
-            "mean": (("run", "frame", "dof"), means),
-            "sd": (("run", "frame", "dof"), np.broadcast_to(sd, means.shape)),
-            "ess": (("run", "frame", "dof"), np.ones(means.shape)),
+            "mean": (("run", "frame", "state_dim"), means),
+            "sd": (("run", "frame", "state_dim"), np.broadcast_to(sd, means.shape)),
+            "ess": (("run", "frame", "state_dim"), np.ones(means.shape)),
             "seconds": ("run", np.array([1.0, 2.0, 1.0, 3.0, 3.0])),
             "method": ("run", ["particle"] * 5),
             "setting": ("run", ["one"] * 5),
             "seed": ("run", list("01234")),
         },
-        {"run": list("abcde"), "dof": ["x", "y"]},
+        {"run": list("abcde"), "state_dim": ["x", "y"]},
     )
     found = variance_against_time(figures)
     each = (means.var(0, ddof=1) / sd**2).mean(0)
     left = np.stack([(np.delete(means, seed, 0).var(0, ddof=1) / sd**2).mean(0) for seed in range(5)])
-    np.testing.assert_allclose(found["variance_by_dof"][0], each)
+    np.testing.assert_allclose(found["variance_by_state_dim"][0], each)
     np.testing.assert_allclose(found["variance"][0], each.mean())
-    np.testing.assert_allclose(found["variance_by_dof_se"][0], np.sqrt(4 * left.var(0)))
+    np.testing.assert_allclose(found["variance_by_state_dim_se"][0], np.sqrt(4 * left.var(0)))
     np.testing.assert_allclose(found["variance_se"][0], np.sqrt(4 * left.mean(1).var()))
     np.testing.assert_allclose([found["seconds"][0], found["seconds_se"][0]], [2.0, np.sqrt(1.0 / 5)])
 
@@ -223,8 +223,8 @@ def test_the_table_is_the_tree(comparison: xr.DataTree) -> None:
     rows = comparison_table(comparison)
     assert len(rows) == 4 * 40 * 3
     figures = comparison["figures"].dataset
-    row = next(row for row in rows if (row["run"], row["frame"], row["dof"]) == ("slow", 7, DOFS[2]))
-    cell = figures.sel(run="slow", frame=7, dof=DOFS[2])
+    row = next(row for row in rows if (row["run"], row["frame"], row["state_dim"]) == ("slow", 7, DOFS[2]))
+    cell = figures.sel(run="slow", frame=7, state_dim=DOFS[2])
     for name in ("tau", "ess_per_second", "error", "rejection", "joint_error"):
         assert row[name] == cell[name].item()
     assert row["inside_90"] == cell["inside"].sel(level=0.9).item()
@@ -247,10 +247,10 @@ def changed(what: str) -> xr.DataTree:
     if what == "truth":
         data["state"][3] += 1.0
     tree = run_on(data)
-    if what == "dof":
+    if what == "state_dim":
         names = [*DOFS[:2], "elbow.X"]
         tree = xr.DataTree.from_dict(
-            {n: g.assign_coords(dof=names) if "dof" in g.dims else g for n, g in tree.to_dict().items()}
+            {n: g.assign_coords(state_dim=names) if "state_dim" in g.dims else g for n, g in tree.to_dict().items()}
         )
     if what == "observed":
         del tree["observed_data"]
@@ -274,13 +274,13 @@ def test_runs_of_other_data_are_refused(what: str, problem: str) -> None:
 
 
 def test_models_of_other_coordinates_are_compared_by_what_they_share() -> None:
-    one, other = run_on(DATA), changed("dof")
+    one, other = run_on(DATA), changed("state_dim")
     comparison = compare({"a": one, "b": other})
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
-    assert figures["dof"].values.tolist() == [*DOFS, "elbow.X"]
+    assert figures["state_dim"].values.tolist() == [*DOFS, "elbow.X"]
     assert np.isnan(summary["tau"].values).tolist() == [[False, False, False, True], [False, False, True, False]]
     assert comparison["winner/winner"].sel(quantity="ess_per_evaluation").item() == TIE
-    assert comparison["winner_by_dof/winner"].sel(quantity="ess_per_evaluation", dof="elbow.X").item() == ""
+    assert comparison["winner_by_state_dim/winner"].sel(quantity="ess_per_evaluation", state_dim="elbow.X").item() == ""
     for tree in (one, other):
         del tree["observed_data"]
     with pytest.raises(InputError, match="coordinate 'elbow.X', but 'knee<b>.X'"):

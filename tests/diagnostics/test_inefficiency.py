@@ -108,10 +108,10 @@ def test_autocovariance_is_about_the_mean_of_all_chains() -> None:
 @pytest.mark.parametrize("function", [inefficiency, windowed_inefficiency, split_rhat])
 def test_functions_of_draws_take_what_arviz_takes(function) -> None:
     draws = np.random.default_rng(8).standard_normal((4, 30, 5, 2))
-    state = xr.DataArray(draws, dims=("chain", "draw", "frame", "dof"), coords={"dof": ["a", "b"]})
+    state = xr.DataArray(draws, dims=("chain", "draw", "frame", "state_dim"), coords={"state_dim": ["a", "b"]})
     expected = function(draws)
-    found = function(state.transpose("frame", "draw", "dof", "chain"))
-    assert found.dims == ("frame", "dof") and list(found["dof"].values) == ["a", "b"]
+    found = function(state.transpose("frame", "draw", "state_dim", "chain"))
+    assert found.dims == ("frame", "state_dim") and list(found["state_dim"].values) == ["a", "b"]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     posterior = xr.Dataset({"state": state, "height": ("frame", np.ones(5))})
     for data in (posterior, xr.DataTree.from_dict({"posterior": posterior, "sample_stats": xr.Dataset()})):

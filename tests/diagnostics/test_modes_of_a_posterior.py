@@ -39,7 +39,9 @@ def exact_posteriors() -> np.ndarray:
 def result_of(states: np.ndarray, **more):
     """A result of weighted draws (N, T, d)."""
     frames = FIRST + np.arange(states.shape[1])
-    return body_result(state=states[None], frames=frames, num_particles=len(states), **{"names": BodyNames(dof=("x",)), **more})
+    return body_result(
+        state=states[None], frames=frames, num_particles=len(states), **{"names": BodyNames(state_dim=("x",)), **more}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +109,7 @@ def test_modes_of_two_limbs_are_told_apart_with_their_places() -> None:
     places[:, 1, 1] = np.where(right[0] < 0.7, -150.0, 150.0)
     places[:, 2, 1] = np.where(left[0] < 0.2, -250.0, 250.0)
     places += rng.normal(scale=20.0, size=places.shape)
-    names = BodyNames(dof=("x",), marker=("pelvis", "wrist_r", "wrist_l"))
+    names = BodyNames(state_dim=("x",), marker=("pelvis", "wrist_r", "wrist_l"))
     tree = result_of(np.zeros((1000, 1, 1)), extras={"markers": places[None, :, None]}, names=names)
     modes = modes_over_time(tree)
     np.testing.assert_allclose(modes.masses[0], [0.56, 0.24, 0.14, 0.06], atol=5 * np.sqrt(0.25 / 1000))

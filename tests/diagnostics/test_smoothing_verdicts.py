@@ -53,13 +53,13 @@ def runs() -> list[Smoothing]:
 
 
 def checked(tree: xr.DataTree, change: Change = lambda draws: draws) -> xr.DataTree:
-    """Checks of a smoothed result whose draws (chain, draw, frame, dof) a wrong smoother has changed."""
+    """Checks of a smoothed result whose draws (chain, draw, frame, state_dim) a wrong smoother has changed."""
     draws = change(tree[FLAT]["state"].values)
     wrong = tree.copy()
     wrong[FLAT] = xr.DataTree(tree[FLAT].to_dataset().assign(state=(tree[FLAT]["state"].dims, draws)))
     moments = {"state_mean": draws.mean((0, 1)), "state_sd": draws.std((0, 1))}
     summary = tree["summary"].to_dataset()
-    wrong["summary"] = xr.DataTree(summary.assign({name: (("frame", "dof"), each) for name, each in moments.items()}))
+    wrong["summary"] = xr.DataTree(summary.assign({name: (("frame", "state_dim"), each) for name, each in moments.items()}))
     return check_posterior(wrong, MODEL, jax.random.key(3))
 
 
@@ -135,10 +135,10 @@ def test_what_cannot_be_checked(runs: list[Smoothing]) -> None:
 
 
 def summed(**groups: dict[str, np.ndarray]) -> xr.DataTree:
-    """A result that holds nothing but these variables, (frame, dof) or (frame,)."""
+    """A result that holds nothing but these variables, (frame, state_dim) or (frame,)."""
 
     def dataset(values: dict[str, np.ndarray]) -> xr.Dataset:
-        return xr.Dataset({name: (("frame", "dof")[: each.ndim], each) for name, each in values.items()})
+        return xr.Dataset({name: (("frame", "state_dim")[: each.ndim], each) for name, each in values.items()})
 
     return xr.DataTree.from_dict({name: dataset(values) for name, values in groups.items()})
 

@@ -132,7 +132,7 @@ def test_a_result_is_judged_where_its_data_do_not_reach() -> None:
             )
             found = verdicts(tree)[0]
             assert found.severity == (severity if known is not None else "info")
-            assert known is None or tree["predictive/predicted_mean"].dims == ("frame", "dof")
+            assert known is None or tree["predictive/predicted_mean"].dims == ("frame", "state_dim")
             assert ("(depth)" in found.text) == (found.severity == "error")
 
 

@@ -163,7 +163,7 @@ def test_a_result_is_judged_where_its_updates_are_told() -> None:
                 sample_stats={"ess": np.full(FRAMES, float(DRAWS))},
                 predictive=checks_of_state(checks, FRAMES),
             )
-            assert tree["predictive/weighted_covariance"].dims == ("frame", "dof", "other_dof")
+            assert tree["predictive/weighted_covariance"].dims == ("frame", "state_dim", "other_state_dim")
             found = verdicts(tree)[0]
             assert found.severity == (severity if checks.memory is not None else "info")
             assert ("by importance sampling" in found.text) == (found.severity == "error")

@@ -46,7 +46,7 @@ def test_a_coordinate_that_mixes_badly_is_named_with_its_frames() -> None:
     state = autoregression(rng, (10, 100, 12, 3), 0.2)
     state[:, :, 4:8, 2] = autoregression(rng, (10, 100, 4), 0.98)
     tree = diagnose(build_result(state=state, names=Names(("hip_r", "elbow_l", "knee_r")), frames=np.arange(10, 22)))
-    worst = tree["diagnostics/tau"].sel(dof="knee_r").max().item()
+    worst = tree["diagnostics/tau"].sel(state_dim="knee_r").max().item()
     assert f"knee_r mixes badly: tau = {worst:.0f} in frames 14-17." in _texts(tree)
     assert "hip_r" not in _texts(tree)
 

@@ -51,7 +51,7 @@ def points_tree(
 def steps_tree(
     scale: np.ndarray | float = 1.0, *, leaps: int = 0, leap: float = 5.5, frames: int = 51, smoother: bool = False
 ) -> xr.DataTree:
-    """Steps of chosen scales (dof,), in units of a walk that is never the same, and so many of the knee's far larger."""
+    """Steps of chosen scales (state_dim,), in units of a walk that is never the same, and so many of the knee's far larger."""
     rng = np.random.default_rng(2)
     walk = rng.uniform(0.1, 3.0, (frames, len(DOFS)))
     steps = unit(rng, (frames - 1, len(DOFS)), (0,)) * np.broadcast_to(scale, len(DOFS))

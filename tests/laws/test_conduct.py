@@ -11,7 +11,7 @@ import pytest
 from catalogue import FILTERS, rows
 from law_problems import INFINITE_SQUARE, MASKED, compiled, go_through, problem
 
-from poseppl.filters import Filter, Info
+from poseppl.filters import Filter, FilterInfo
 
 every_filter = rows(FILTERS)
 
@@ -43,7 +43,7 @@ def test_state_and_info_keep_their_shapes(row):
     first, second = shapes_of(row, posed)
     assert first == second
     state, info = first
-    assert isinstance(info, Info)
+    assert isinstance(info, FilterInfo)
     assert state.particles.shape[-1] == posed.model.dimension
     assert state.log_weights.shape == state.particles.shape[:-1]
     assert not any(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) for leaf in jax.tree.leaves(state))

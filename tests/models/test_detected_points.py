@@ -142,7 +142,7 @@ def test_the_body_walks_as_its_velocities_were_learned(scene: Scene[PointData], 
 @pytest.mark.slow
 def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     tree = smooth(filtered, SmoothSettings("laplace", {"num_draws": "60"}, errors="lasting"))
-    assert tree["unconstrained_posterior"].dataset["state"].sizes["dof"] == scene.body.tree.dimension
+    assert tree["unconstrained_posterior"].dataset["state"].sizes["state_dim"] == scene.body.tree.dimension
     assert tree["posterior"].sizes["draw"] == 60
     drawn: dict[str, Any] = {name: np.asarray(tree[f"posterior/{name}"].to_numpy())[0, 0] for name in ("markers", "points")}
     images = jax.vmap(lambda markers: project(scene.cameras, markers))(jnp.asarray(drawn["markers"]))

@@ -35,7 +35,7 @@ def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: P
     write_comparison(comparison, tmp_path / "page.html")
     open_page(driver, tmp_path / "page.html")
     z = driver.execute_script("return document.getElementById('heat').data.map((trace) => trace.z)")
-    tau = comparison["figures"]["tau"].transpose("run", "dof", "frame").values
+    tau = comparison["figures"]["tau"].transpose("run", "state_dim", "frame").values
     np.testing.assert_allclose(np.array(z[:2]), np.log10(tau[:2]), atol=0.003)
     assert all(value is None for line in z[2] for value in line)
     before = picture_of(driver, "heat")
@@ -77,7 +77,9 @@ def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) 
     before = picture_of(driver, "variance-chart")
     assert before.std() > 5
     driver.execute_script(_CHOOSE, "place", "2")
-    np.testing.assert_allclose(driver.execute_script(script)[0][2], points["variance_by_dof"].sel(dof=DOFS[1])[:2], rtol=1e-4)
+    np.testing.assert_allclose(
+        driver.execute_script(script)[0][2], points["variance_by_state_dim"].sel(state_dim=DOFS[1])[:2], rtol=1e-4
+    )
     assert (np.abs(picture_of(driver, "variance-chart") - before).max(axis=-1) > 30).mean() > 0.001
     assert errors(driver) == []
 

@@ -93,7 +93,7 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
     assert len(rows) == 4 * 20 * 3
     expected = comparison_table(comparison)
     for row, want in zip(rows, expected, strict=True):
-        assert (row["run"], int(row["frame"]), row["dof"]) == (want["run"], want["frame"], want["dof"])
+        assert (row["run"], int(row["frame"]), row["state_dim"]) == (want["run"], want["frame"], want["state_dim"])
         assert row["tau"] == "" if want["tau"] is None else float(row["tau"]) == pytest.approx(want["tau"], rel=1e-5)
     keys = {label: key for key, label, *_ in HEATS}
     for label, part in heat_maps(comparison).items():
@@ -151,9 +151,9 @@ def test_one_frame_and_many_runs_have_a_page() -> None:
 def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
     figures = comparison["figures"].dataset
     frames, dofs, runs = 3000, 28, 6
-    places = {"frame": np.arange(frames) % 20, "dof": np.arange(dofs) % 3, "run": np.arange(runs) % 4}
+    places = {"frame": np.arange(frames) % 20, "state_dim": np.arange(dofs) % 3, "run": np.arange(runs) % 4}
     large = figures.isel(places).assign_coords(
-        frame=np.arange(frames), dof=[f"joint {i}" for i in range(dofs)], run=[f"run {i}" for i in range(runs)]
+        frame=np.arange(frames), state_dim=[f"joint {i}" for i in range(dofs)], run=[f"run {i}" for i in range(runs)]
     )
     tree = xr.DataTree.from_dict({"figures": large, "summary": comparison["summary"].dataset.isel(run=places["run"])})
     heat = heat_maps(tree)

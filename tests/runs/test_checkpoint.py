@@ -21,7 +21,7 @@ from waiting import wait_until
 
 from poseppl.errors import InputError
 from poseppl.files.store import Store
-from poseppl.filters import Filter, Info, ParticleState
+from poseppl.filters import Filter, FilterInfo, ParticleState
 from poseppl.runs.checkpoint import Checkpoint, CheckpointError
 from poseppl.runs.run import Run, RunError, run_filter
 
@@ -30,9 +30,9 @@ MODEL = linear_gaussian(2).compile()
 VALUES = np.sin(np.arange(FRAMES)[:, None] / 3 + np.arange(2))
 
 
-def _info(noise: jax.Array) -> Info:
+def _info(noise: jax.Array) -> FilterInfo:
     zero, number = noise[0, 0], jnp.int32(1)
-    return Info(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
+    return FilterInfo(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
 
 
 def _init(rng_key: Any, observation: Any, inputs: Any) -> Any:
@@ -49,7 +49,7 @@ FILTER = Filter(_init, _step)
 """Cheap to compile; what it draws depends on the whole past, the data and the key."""
 
 
-def _collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+def _collect(rng_key: Any, state: Any, info: FilterInfo, inputs: Any) -> Any:
     return {"particles": state.particles, "noise": jax.random.normal(rng_key, (3,))}
 
 

@@ -13,7 +13,7 @@ from poseppl_models.toys.linear_gaussian import linear_gaussian
 import poseppl
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.errors import InputError
-from poseppl.filters import Info, ParticleState
+from poseppl.filters import FilterInfo, ParticleState
 from poseppl.filters.chains import chain_state
 from poseppl.program import StateSpaceModel
 from poseppl.runs.collectors import collect_draws
@@ -24,7 +24,7 @@ MODEL = linear_gaussian(2).compile()
 KEY = jax.random.key(0)
 NORMAL = dist.Normal(0.0, 1.0)
 PAIR = dist.Normal(0.0, 1.0).expand([2])
-INFO = Info(*[jnp.zeros(())] * 9)
+INFO = FilterInfo(*[jnp.zeros(())] * 9)
 
 
 def test_chains_are_thinned_evenly_and_summarised_whole() -> None:

@@ -264,7 +264,7 @@ def test_a_history_without_room_is_left_out_and_reported(room):
     )
     if room == 1.0:
         kept = result["filter_history"].to_dataset()
-        assert kept["state"].dims == ("frame", "particle", "dof") and kept["ancestor"].dims == ("frame", "particle")
+        assert kept["state"].dims == ("frame", "particle", "state_dim") and kept["ancestor"].dims == ("frame", "particle")
         weights = np.exp(kept["log_weight"].values)
         np.testing.assert_allclose(weights.sum(1), 1.0, rtol=1e-4)
         mean = (weights[..., None] * kept["state"].values).sum(1)

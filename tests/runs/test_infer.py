@@ -135,7 +135,7 @@ def test_a_result_is_smoothed():
     assert smoothed["sample_stats/log_evidence"].equals(result["sample_stats/log_evidence"])
     assert smoothed["unconstrained_posterior/state"].shape == (1, 200, 5, 2)
     # the future moves the first frame; nothing moves the last
-    apart = abs(smoothed["summary/state_mean"] - result["summary/state_mean"]).max("dof").values
+    apart = abs(smoothed["summary/state_mean"] - result["summary/state_mean"]).max("state_dim").values
     assert apart[0] > 2 * apart[-1]
     with pytest.raises(ValueError, match="smoothed already"):
         poseppl.smooth(smoothed, smoother, KEY, inputs=POSED.inputs)

@@ -56,7 +56,7 @@ def constant(tree, group):
 @pytest.mark.full
 def test_every_draw_is_exact(filtered):
     assert constant(filtered, "posterior")
-    assert "people (rest)" in names_of(filtered, "dof")
+    assert "people (rest)" in names_of(filtered, "state_dim")
 
 
 def test_moments_are_those_of_the_changes(filtered):

@@ -70,8 +70,8 @@ def test_the_result_of_particles() -> None:
     data = model.observe({"y": np.array([[0.1, 0.1], [np.nan, 0.1], [np.nan, np.nan], [0.1, 0.1]])})
     run = run_filter(particle_filter(model, 50), jax.random.key(0), data, inputs, collect=keep(model))
     tree = result_of_run(run, model, data, truth=np.zeros((T, 1)), frames=[5, 6, 7, 8], attrs={"model": "counting"})
-    assert tree["unconstrained_posterior/state"].dims == ("chain", "draw", "frame", "dof")
-    assert tree["unconstrained_posterior/state"].coords["dof"].values.tolist() == ["x"]
+    assert tree["unconstrained_posterior/state"].dims == ("chain", "draw", "frame", "state_dim")
+    assert tree["unconstrained_posterior/state"].coords["state_dim"].values.tolist() == ["x"]
     np.testing.assert_allclose(tree["posterior/twice"], 2 * tree["unconstrained_posterior/state"][..., 0])
     np.testing.assert_array_equal(np.isnan(tree["observed_data/y"]), ~np.asarray(data.mask["y"]))
     assert tree["truth/state"].shape == (T, 1)
@@ -93,7 +93,7 @@ def test_the_result_of_chains() -> None:
     tree = result_of_run(run, model)
     assert tree["unconstrained_posterior/state"].shape == (3, 8, T, 2)
     np.testing.assert_array_equal(tree["unconstrained_posterior/state"], np.moveaxis(run.outputs.state, 0, 2))
-    assert tree["unconstrained_posterior"]["dof"].values.tolist() == ["x[0]", "x[1]"]
+    assert tree["unconstrained_posterior"]["state_dim"].values.tolist() == ["x[0]", "x[1]"]
     assert "num_particles" not in tree.attrs and "observed_data" not in tree.children
     assert (tree["sample_stats/acceptance_rate"] > 0.3).all()
 

@@ -16,7 +16,7 @@ from poseppl.runs.results import Names, build_result, is_weighted, load_result, 
 def test_groups_and_named_coordinates() -> None:
     tree = synthetic_result(num_frames=3)
     assert set(tree.children) == {"posterior", FLAT, "sample_stats", "summary", "observed_data", "truth", "camera", "body"}
-    assert tree["unconstrained_posterior/state"].dims == ("chain", "draw", "frame", "dof")
+    assert tree["unconstrained_posterior/state"].dims == ("chain", "draw", "frame", "state_dim")
     assert tree["posterior/points"].dims == ("chain", "draw", "frame", "camera", "marker", "xy")
     assert tree["summary/markers_quantile"].dims == ("frame", "quantile", "marker", "axis")
     assert list(tree["truth/markers"].coords["frame"].values) == [10, 11, 12]
@@ -37,8 +37,8 @@ def test_summary_from_draws_equals_numpy_and_given_summary_is_kept() -> None:
 def test_arviz_takes_the_tree_as_it_is() -> None:
     tree = synthetic_result(num_frames=3)
     table = arviz_stats.summary(tree, var_names=["state"])
-    assert len(table) == tree["posterior"].sizes["frame"] * tree["unconstrained_posterior"].sizes["dof"]
-    assert arviz_stats.ess(tree, var_names=["state"], method="mean")["state"].dims == ("frame", "dof")
+    assert len(table) == tree["posterior"].sizes["frame"] * tree["unconstrained_posterior"].sizes["state_dim"]
+    assert arviz_stats.ess(tree, var_names=["state"], method="mean")["state"].dims == ("frame", "state_dim")
     assert float(arviz_stats.rhat(tree, var_names=["state"])["state"].max()) < 1.2
 
 
@@ -113,7 +113,7 @@ def test_unreadable_files_are_named_in_one_message(tmp_path: Path, make, message
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"state": np.zeros((2, 3, 4))}, r"expected \(chain, draw, frame, dof\)"),
+        ({"state": np.zeros((2, 3, 4))}, r"expected \(chain, draw, frame, state_dim\)"),
         ({"state": np.zeros((1, 2, 3, 2))}, "state has shape"),
         ({"state": np.zeros((1, 2, 3, 1)), "sample_stats": {"ess": np.zeros(4)}}, "ess has shape"),
         ({"state": np.zeros((1, 2, 3, 1)), "summary": {"state_mean": np.zeros((3, 2))}}, "state_mean has shape"),

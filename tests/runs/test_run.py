@@ -15,7 +15,7 @@ import numpyro.distributions as dist
 import pytest
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 
-from poseppl.filters import Filter, Info, ParticleState, kalman_filter, particle_filter
+from poseppl.filters import Filter, FilterInfo, ParticleState, kalman_filter, particle_filter
 from poseppl.program import Observation, StateSpaceModel
 from poseppl.runs import compiled_scan
 from poseppl.runs.collectors import collect_draws
@@ -129,7 +129,7 @@ def test_parts_longer_than_a_scan_are_several_scans(size: int) -> None:
     model, observations = toy(70)
     filter, count = counted(particle_filter(model, 4))
 
-    def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+    def collect(rng_key: Any, state: Any, info: FilterInfo, inputs: Any) -> Any:
         return state.particles, jnp.zeros(size)
 
     runs = [run_filter(filter, jax.random.key(0), observations, collect=collect, chunk=chunk) for chunk in (None, 69, 5)]
@@ -144,7 +144,7 @@ def test_online_equals_the_scan_and_compiles_once() -> None:
     plain = particle_filter(model, 40)
     filter, count = counted(plain)
 
-    def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+    def collect(rng_key: Any, state: Any, info: FilterInfo, inputs: Any) -> Any:
         return state
 
     run = run_filter(plain, jax.random.key(5), observations, num_frames=9, collect=collect)
@@ -225,10 +225,10 @@ def failing(at: int, broken: bool = False) -> tuple[Any, Filter]:
     """A random walk whose filter says that it failed at a frame, or whose state is NaN from there on."""
     model, _ = toy(2)
 
-    def info_of(frame: Any) -> Info:
+    def info_of(frame: Any) -> FilterInfo:
         zero, number = jnp.zeros(()), jnp.int32(0)
         ancestors = jnp.arange(4, dtype=jnp.int32)
-        return Info(zero, zero, ancestors, zero, number, number, number, (frame == at) & (not broken), zero)
+        return FilterInfo(zero, zero, ancestors, zero, number, number, number, (frame == at) & (not broken), zero)
 
     def init(rng_key: Any, observation: Any, inputs: Any) -> Any:
         return ParticleState(jnp.zeros((4, 2)), jnp.zeros(4)), info_of(0)
@@ -377,7 +377,7 @@ def test_the_time_of_the_frames_holds_no_compilation(build: Any, monkeypatch: py
     for _ in range(2):  # each time with a collector that nothing was compiled for
         done.clear()
 
-        def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+        def collect(rng_key: Any, state: Any, info: FilterInfo, inputs: Any) -> Any:
             done.append("traced")
             return state.particles
 

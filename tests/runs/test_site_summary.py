@@ -51,11 +51,11 @@ def test_sites_keep_their_names_values_and_shapes(result):
     posterior, flat = result["posterior"], result["unconstrained_posterior/state"]
     shapes = {name: values.shape[3:] for name, values in posterior.data_vars.items()}
     assert shapes == {"level": (2,), "rate": (), "mix": (3,), "regime": (), "count": (), "twice": ()}
-    assert list(flat["dof"].values) == ["level[0]", "level[1]", "rate", "mix[0]", "mix[1]", "regime", "count"]
-    np.testing.assert_allclose(posterior["rate"], np.exp(flat.sel(dof="rate")), rtol=1e-5)
+    assert list(flat["state_dim"].values) == ["level[0]", "level[1]", "rate", "mix[0]", "mix[1]", "regime", "count"]
+    np.testing.assert_allclose(posterior["rate"], np.exp(flat.sel(state_dim="rate")), rtol=1e-5)
     np.testing.assert_allclose(posterior["twice"], 2 * posterior["rate"], rtol=1e-6)
     np.testing.assert_allclose(posterior["mix"].sum("mix_dim_0"), 1, rtol=1e-5)
-    first = expit(flat.sel(dof="mix[0]").values - np.log(2))
+    first = expit(flat.sel(state_dim="mix[0]").values - np.log(2))
     np.testing.assert_allclose(posterior["mix"][..., 0], first, rtol=1e-4)
     assert posterior["regime"].dtype.kind == "i" and set(np.unique(posterior["regime"])) <= {0, 1, 2}
 
@@ -65,10 +65,10 @@ def test_summaries_are_of_the_sites_own_values(result):
     # over all 400 particles, of which 200 draws are kept, systematically resampled
     spread = posterior["rate"].std(("chain", "draw"))
     assert (abs(summary["rate_mean"] - posterior["rate"].mean(("chain", "draw"))) < 5 * spread / np.sqrt(200)).all()
-    assert (abs(np.exp(summary["state_mean"].sel(dof="rate")) - summary["rate_mean"]) > 1e-3).any()
+    assert (abs(np.exp(summary["state_mean"].sel(state_dim="rate")) - summary["rate_mean"]) > 1e-3).any()
     np.testing.assert_array_equal(summary["level_mean"], summary["state_mean"][:, :2])
     np.testing.assert_array_equal(summary["level_quantile"], summary["state_quantile"][..., :2])
-    np.testing.assert_array_equal(summary["count_mean"], summary["state_mean"].sel(dof="count"))
+    np.testing.assert_array_equal(summary["count_mean"], summary["state_mean"].sel(state_dim="count"))
     np.testing.assert_allclose(summary["mix_mean"].sum("mix_dim_0"), 1, rtol=1e-5)
     np.testing.assert_allclose(summary["regime_probability"].sum("regime_value"), 1, rtol=1e-5)
     assert "regime_mean" not in summary and "regime_quantile" not in summary

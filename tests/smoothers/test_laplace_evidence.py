@@ -18,7 +18,7 @@ from scipy.stats import norm, t
 
 from poseppl.compilation import double_precision
 from poseppl.program import Cluttered, StateSpaceModel
-from poseppl.smoothers.curvature import climb
+from poseppl.smoothers.curvature import find_mode
 from poseppl.smoothers.laplace_evidence import laplace_evidence
 
 DATA = np.array([[0.3], [0.9], [np.nan], [1.4], [0.2]])
@@ -72,7 +72,7 @@ def test_one_robust_point(datum: float) -> None:
         return float(norm(0, 1.2).pdf(x) * ((1 - share) * t(5.0, x, 0.5).pdf(datum) + share / 40))
 
     observed = model.observe({"y": np.array([[datum]])})
-    mode = climb(model, jnp.zeros((1, 1)), observed, None, 20)
+    mode = find_mode(model, jnp.zeros((1, 1)), observed, None, 20)
     found, at, step = float(laplace_evidence(model, mode, observed, None)), float(mode[0, 0]), 1e-3
     low, middle, high = (np.log(density(at + move)) for move in (-step, 0.0, step))
     curvature = -(low - 2 * middle + high) / step**2

@@ -15,7 +15,7 @@ from precision import precision
 
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers.base import History
-from poseppl.smoothers.curvature import climb, trajectory_precisions
+from poseppl.smoothers.curvature import find_mode, trajectory_precisions
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import initial_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
@@ -55,7 +55,7 @@ def test_curvature_of_a_linear_model_is_its_hessian_and_one_step_reaches_the_mod
             def log_density(xs):
                 return model.log_joint(xs, observations, inputs)
 
-            mode = climb(model, xs, observations, inputs, 1)
+            mode = find_mode(model, xs, observations, inputs, 1)
             return (
                 trajectory_precisions(model, observations, inputs)(xs),
                 jax.hessian(log_density)(xs),

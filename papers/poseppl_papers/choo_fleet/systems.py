@@ -27,7 +27,7 @@ from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.scene import noise_of
 from poseppl.motion.tracking.walk import step_scales
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
 from poseppl.runs.frame_sequence import frame_inputs
 from poseppl_papers.recordings import Recording
@@ -179,7 +179,7 @@ class Frame(NamedTuple):
     def observe(self, run: int) -> Observation:
         """The data in one run."""
         points = noisy_points(self.stage, slice(self.number, self.number + 1), run)
-        return rows_of(self.problem.model.observe({"points": points}), 0)
+        return tree_index(self.problem.model.observe({"points": points}), 0)
 
 
 def frame_of(recording: Recording, system: str, number: int) -> Frame:

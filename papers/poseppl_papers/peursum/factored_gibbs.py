@@ -16,7 +16,7 @@ from jax import Array
 
 from poseppl.motion.learned import bin_angles
 from poseppl.motion.learned.angles import wrapped
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl_papers.peursum.factored_evidence import (
     ROOT,
     ROTATION,
@@ -94,8 +94,8 @@ def sweep(rng_key: Array, tables: LogTables, towards: Array, mixtures: Mixtures,
 
     def visit(draw: Draw, row: tuple[Array, Array, Array]) -> tuple[Draw, None]:
         t, uniform, normal = row
-        own, seen = rows_of(draw, t), rows_of(mixtures, t)
-        before, after = rows_of(draw, jnp.maximum(t - 1, 0)), rows_of(draw, jnp.minimum(t + 1, frames - 1))
+        own, seen = tree_index(draw, t), tree_index(mixtures, t)
+        before, after = tree_index(draw, jnp.maximum(t - 1, 0)), tree_index(draw, jnp.minimum(t + 1, frames - 1))
         first, last = t == 0, t + 1 == frames
         came = jnp.where(first, tables.first_phase, tables.phases[before.phase])
         moved = jnp.where(first, tables.first_bins[:, joints, own.bins], tables.steps[:, joints, before.bins, own.bins])

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl_papers.peursum.factored_evidence import (
     ROOT,
     FactoredPosterior,
@@ -109,7 +109,7 @@ def sweep(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Marginals:
     frames = q.phases.shape[0]
 
     def visit(q: Marginals, t: Array) -> tuple[Marginals, None]:
-        own, seen = rows_of(q, t), rows_of(mixtures, t)
+        own, seen = tree_index(q, t), tree_index(mixtures, t)
         likelihoods = bin_log_likelihoods(seen.rotations, q.bins.shape[-1])
         (came, moved), (goes, leads) = _left(tables, q, t), _right(tables, q, t)
         phases = jax.nn.softmax(came + jnp.einsum("mdb,db->m", moved, own.bins) + goes)
@@ -125,7 +125,7 @@ def sweep(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Marginals:
 
 def _left(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
     """What was before says: scores of phases (M,), and of bins given each phase (M, D, B)."""
-    before = rows_of(q, jnp.maximum(t - 1, 0))
+    before = tree_index(q, jnp.maximum(t - 1, 0))
     bins = jnp.where(t > 0, jnp.einsum("di,mdij->mdj", before.bins, tables.steps), tables.first_bins)
     return jnp.where(t > 0, before.phases @ tables.phases, tables.first_phase), bins
 
@@ -133,7 +133,7 @@ def _left(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
 def _right(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
     """What comes after says: scores of phases (M,), and of bins (D, B)."""
     there = t + 1 < q.phases.shape[0]
-    after = rows_of(q, jnp.where(there, t + 1, t))
+    after = tree_index(q, jnp.where(there, t + 1, t))
     follows = jnp.einsum("mdij,dj->mdi", tables.steps, after.bins)
     scores = tables.phases @ after.phases, jnp.einsum("m,mdi->di", after.phases, follows)
     return jnp.where(there, scores[0], 0.0), jnp.where(there, scores[1], 0.0)
@@ -151,7 +151,7 @@ def free_energy(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Array:
     frames = q.phases.shape[0]
 
     def of_frame(t: Array) -> Array:
-        own, seen = rows_of(q, t), rows_of(mixtures, t)
+        own, seen = tree_index(q, t), tree_index(mixtures, t)
         came, moved = _left(tables, q, t)
         phase_scores = came + jnp.einsum("mdb,db->m", moved, own.bins)
         likelihoods = bin_log_likelihoods(seen.rotations, q.bins.shape[-1])

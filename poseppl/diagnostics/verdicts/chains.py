@@ -78,7 +78,7 @@ def mixing(tree: xr.DataTree) -> Findings:
         yield not_run()
         return
     tau, ess = np.asarray(data["tau"].values), np.asarray(data["ess"].values)
-    names, bad = names_of(tree, "dof"), tau > TAU_BAD
+    names, bad = names_of(tree, "state_dim"), tau > TAU_BAD
     affected = [i for i in np.argsort(-np.where(bad, tau, 0.0).max(axis=0), kind="stable") if bad[:, i].any()]
     for i in affected[:MAX_NAMED]:
         worst = float(tau[bad[:, i], i].max())
@@ -108,8 +108,8 @@ def agreement(tree: xr.DataTree) -> Findings:
     share, apart = float((rhat > RHAT_HIGH).mean()), float((rhat > RHAT_APART).mean())
     if share <= RHAT_SHARE:
         return
-    frame, dof = np.unravel_index(int(np.nanargmax(rhat)), rhat.shape)
-    worst = f"{rhat[frame, dof]:.2f}, {data['dof'].values[dof]} in frame {data['frame'].values[frame]}"
+    frame, state_dim = np.unravel_index(int(np.nanargmax(rhat)), rhat.shape)
+    worst = f"{rhat[frame, state_dim]:.2f}, {data['state_dim'].values[state_dim]} in frame {data['frame'].values[frame]}"
     text = f"R-hat above {RHAT_HIGH} in {_percent(share)} of frames and coordinates, above {RHAT_APART:g} in {_percent(apart)}"
     severity = WARNING if share > RHAT_WARNING else INFO  # never an error: chains that keep to modes may weigh them well
     more = settings_among(tree, "num_updates", "num_draws", "num_warmup", "num_starts")

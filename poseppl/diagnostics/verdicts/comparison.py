@@ -82,7 +82,7 @@ def words(names: list[str]) -> str:
 
 def wins(tree: xr.DataTree, quantity: str) -> dict[str, int]:
     """How many coordinates each winner, "tie" included, has; the most first."""
-    found = tree["winner_by_dof"].dataset["winner"].sel(quantity=quantity).values
+    found = tree["winner_by_state_dim"].dataset["winner"].sel(quantity=quantity).values
     names, counts = np.unique(found[found != ""], return_counts=True)
     order = np.argsort(-counts, kind="stable")
     return {str(names[i]): int(counts[i]) for i in order}

@@ -201,7 +201,7 @@ def unreached(tree: xr.DataTree) -> Findings:
         yield not_run("" if "smoother" in provenance(tree) else UNCHECKED)
         return
     mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
-    yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "dof"))
+    yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "state_dim"))
 
 
 def check_unreached(

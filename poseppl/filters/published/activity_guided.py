@@ -71,8 +71,8 @@ def activity_guided_filter(
         resampling: How ancestors are drawn.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.published.annealed.AnnealedState`. `Info.ess` is that of the last
-        layer.
+        The filter; its state is :class:`~poseppl.filters.published.annealed.AnnealedState`. `FilterInfo.ess` is that of the
+        last layer.
 
     Raises:
         ValueError: A number out of its range, an unknown coordinate, or one in two groups.

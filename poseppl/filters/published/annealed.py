@@ -32,7 +32,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least, check_fraction
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise, without_infinity
 from poseppl.program import CompiledModel, Observation
@@ -113,7 +113,7 @@ def annealed_filter(
         resampling: How ancestors are drawn.
 
     Returns:
-        The filter; its state is :class:`AnnealedState`. `Info.ess` is that of the last layer.
+        The filter; its state is :class:`AnnealedState`. `FilterInfo.ess` is that of the last layer.
 
     Raises:
         ValueError: A number out of its range, an unknown coordinate, or one in two groups.
@@ -170,7 +170,7 @@ def annealing_filter(model: CompiledModel, num_particles: int, settings: Anneali
 
     def anneal(
         rng_key: Array, predicted: Array, disperse: Disperse, ancestors: Array, data: tuple[Observation, Any]
-    ) -> tuple[AnnealedState, Info]:
+    ) -> tuple[AnnealedState, FilterInfo]:
         values = values_of(predicted, data)
         first = normalise(values)
         layer = _refine(rng_key, _Layer(predicted, values, ancestors), disperse, lambda x: values_of(x, data), settings)
@@ -178,12 +178,14 @@ def annealing_filter(model: CompiledModel, num_particles: int, settings: Anneali
         state = AnnealedState(layer.particles, log_weights, layer.particles[jnp.argmax(layer.values)])
         return state, _info(first, log_weights, layer.ancestors, settings.num_layers)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, FilterInfo]:
         key_draw, key_other, key_layers = jax.random.split(rng_key, 3)
         ancestors = jnp.arange(num_particles, dtype=jnp.int32)
         return anneal(key_layers, *predict((key_draw, key_other), None, inputs), ancestors, (observation, inputs))
 
-    def step(rng_key: Array, state: AnnealedState, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
+    def step(
+        rng_key: Array, state: AnnealedState, observation: Observation, inputs: Any = None
+    ) -> tuple[AnnealedState, FilterInfo]:
         key_resample, key_draw, key_other, key_layers = jax.random.split(rng_key, 4)
         ancestors = settings.resampling(key_resample, state.log_weights, num_particles)
         predicted = predict((key_draw, key_other), state.particles[ancestors], inputs)
@@ -227,7 +229,7 @@ def _cross(rng_key: Array, first: Array, particles: Array, log_weights: Array, g
     return jnp.where(swap[:, groups], second, first)
 
 
-def _info(predicted: Normalised, log_weights: Array, ancestors: Array, num_layers: int) -> Info:
+def _info(predicted: Normalised, log_weights: Array, ancestors: Array, num_layers: int) -> FilterInfo:
     ess, evaluations = effective_sample_size(log_weights), log_weights.shape[0] * num_layers
     return filter_info(predicted.log_mean, ess, ancestors, predicted.degenerate, num_likelihood=evaluations)
 

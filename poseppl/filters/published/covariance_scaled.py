@@ -35,12 +35,12 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
-from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, FilterInfo, check_noise, filter_info, filter_of_steps
 from poseppl.filters.published.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_scaled, dynamic_noise
-from poseppl.kernels.mode_search import Found, search_modes
+from poseppl.kernels.mode_search import ModeSearchResult, search_modes
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bounded import Bounded, bounded
 from poseppl.program.memoized_builder import memoized_builder
@@ -154,7 +154,9 @@ class _Tracker(NamedTuple):
         draws = jnp.broadcast_to(mean, (self.num_particles, *mean.shape))
         return self._state(draws, _one_of(self.num_modes, mean, covariance), inputs, started=False)
 
-    def step(self, rng_key: Array, state: ModeState, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+    def step(
+        self, rng_key: Array, state: ModeState, observation: Observation, inputs: Any = None
+    ) -> tuple[ModeState, FilterInfo]:
         """One frame."""
         key_starts, key_draws = jax.random.split(rng_key)
         predicted, noise = predicted_modes(self.boxed.model, state.modes, ~state.started, inputs)
@@ -175,7 +177,9 @@ class _Tracker(NamedTuple):
         )
         return self._state(draws, modes, inputs, started=True), info
 
-    def _search(self, starts: Array, prior: GaussianMixture, units: Array, observation: Observation, inputs: Any) -> Found:
+    def _search(
+        self, starts: Array, prior: GaussianMixture, units: Array, observation: Observation, inputs: Any
+    ) -> ModeSearchResult:
         """The modes of a frame."""
         model, limits = self.boxed.model, constraints(starts.shape[1]) if self.limits is None else self.limits
         log_prior, prior_curvature = prior_density(prior, closest=self.closest)

@@ -41,7 +41,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import EvidenceError, Filter, Info, filter_info
+from poseppl.filters.base import EvidenceError, Filter, FilterInfo, filter_info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise, without_infinity
@@ -151,13 +151,13 @@ def demc_filter(
     by_velocity = prediction == "velocity" and not layers.posterior
     identity = jnp.arange(num_particles, dtype=jnp.int32)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, FilterInfo]:
         key_draw, key_evolve = jax.random.split(rng_key)
         predicted = draw_initial(model, jax.random.split(key_draw, num_particles), inputs)
         evolved = _evolve(model, layers, key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
         return _conclude(evolved, identity, None, layers.posterior)
 
-    def step(rng_key: Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+    def step(rng_key: Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, FilterInfo]:
         key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
         ancestors = identity if layers.posterior else layers.scheme(key_select, state.log_weights, num_particles)
         previous = state.particles[ancestors]
@@ -221,7 +221,7 @@ def _evolve(
     return _Evolved(members, weighted, origin, jnp.mean(rates), jnp.int32(num_particles * rounds))
 
 
-def _conclude(evolved: _Evolved, ancestors: Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
+def _conclude(evolved: _Evolved, ancestors: Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, FilterInfo]:
     members, predicted, origin, acceptance, num_likelihood = evolved
     possible = members.values > -jnp.inf
     last = normalise(jnp.where(possible, 0.0, -jnp.inf) if posterior else members.values)

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info, check_noise, filter_info
+from poseppl.filters.base import Filter, FilterInfo, check_noise, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, effective_draws, mask_failed
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
@@ -80,7 +80,7 @@ def hmc_filter(
         log_step_size: Array,
         observation: Observation,
         inputs: Any,
-    ) -> tuple[ChainState, Info]:
+    ) -> tuple[ChainState, FilterInfo]:
         key_resample, key_chains = jax.random.split(rng_key)
         weights = log_likelihoods(model, proposals, observation, inputs)
         failed = ~jnp.any(jnp.isfinite(weights))
@@ -107,14 +107,14 @@ def hmc_filter(
         )
         return chain_state(transform.to_state(chains.draws), chains.log_step_size), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, FilterInfo]:
         key_draw, key_run = jax.random.split(rng_key)
         predicted = _Prediction(lambda x: model.log_initial(x, inputs), *model.initial_moments(inputs))
         proposals = draw_initial(model, jax.random.split(key_draw, num_chains), inputs)
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
         return run(key_run, proposals, predicted, start, observation, inputs)
 
-    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, FilterInfo]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]
         proposals = propagate(model, jax.random.split(key_draw, num_chains), last, inputs)

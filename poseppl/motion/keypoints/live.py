@@ -31,7 +31,7 @@ from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import with_frames
 from poseppl.motion.tracking.track import Tracking, TrackSettings, prepare
 from poseppl.motion.tracking.walk import ASSUMED_RATE
-from poseppl.runs.compiled_scan import Kept
+from poseppl.runs.compiled_scan import StepOutput
 from poseppl.runs.labels import QUANTILES
 from poseppl.runs.online_run import OnlineRun
 
@@ -149,7 +149,7 @@ class LiveTrack:
         """The result of all frames; more can be told of it."""
         return self.whole().result(self._run.finish(), **told)
 
-    def _estimate(self, frames: Sequence[int], kept: Kept) -> LiveEstimate:
+    def _estimate(self, frames: Sequence[int], kept: StepOutput) -> LiveEstimate:
         """What was kept of frames, of all statures where one is assumed."""
         outputs, scene = kept.outputs, self._tracking.scene
         lower, upper = (outputs.summary["markers_quantile"][:, end] for end in _ENDS)

@@ -27,7 +27,7 @@ from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.points.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
-from poseppl.smoothers.curvature import climb
+from poseppl.smoothers.curvature import find_mode
 from poseppl.smoothers.laplace_evidence import laplace_evidence
 
 OF_A_POINT = ("log_scale", "log_speed")
@@ -202,7 +202,7 @@ def _modes(
     split, axes = params_by_point(params)
 
     def one(params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-        return climb(model.with_params(params), xs, observations, inputs, num_steps, majorised=True)
+        return find_mode(model.with_params(params), xs, observations, inputs, num_steps, majorised=True)
 
     return jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, states, observations, inputs)
 

@@ -24,7 +24,7 @@ from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.points.fit import NEAR_STEPS, OF_A_POINT, PointParams, under_draws
 from poseppl.motion.points.named_points import PointProblem, places_of
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.curvature import climb, draws_about
+from poseppl.smoothers.curvature import draws_about, find_mode
 
 UNKNOWN = 0.5
 """Standard deviation of a length of which the skeleton says nothing, in units of what is measured."""
@@ -131,7 +131,7 @@ def _together(
 def _mode(
     model: CompiledModel, params: dict[str, Array], start: Array, data: Observation, inputs: PointInputs, num_steps: int
 ) -> Array:
-    return climb(model.with_params(params), start, data, inputs, num_steps, majorised=True)
+    return find_mode(model.with_params(params), start, data, inputs, num_steps, majorised=True)
 
 
 @partial(jit, static_argnums=(0, 1))

@@ -13,7 +13,7 @@ from poseppl.motion.tracking.scene import Scene, SceneData
 
 
 def save_truth(scene: Scene[SceneData], path: FilePath) -> None:
-    """Write the truth of a scene as NetCDF: ``state`` (frame, dof), ``markers`` (frame, marker, axis) in mm.
+    """Write the truth of a scene as NetCDF: ``state`` (frame, state_dim), ``markers`` (frame, marker, axis) in mm.
 
     Args:
         scene: A scene whose truth is known.
@@ -35,10 +35,10 @@ def save_subject_truth(subject: MovingSubject, path: FilePath) -> None:
     """Write a body in motion as :func:`save_truth` does."""
     tree = subject.body.tree
     truth = xr.Dataset(
-        {"state": (("frame", "dof"), subject.states), "markers": (("frame", "marker", "axis"), subject.markers)},
+        {"state": (("frame", "state_dim"), subject.states), "markers": (("frame", "marker", "axis"), subject.markers)},
         coords={
             "frame": subject.frames,
-            "dof": list(tree.coordinate_names),
+            "state_dim": list(tree.coordinate_names),
             "marker": list(tree.marker_names),
             "axis": ["x", "y", "z"],
         },

@@ -9,12 +9,13 @@ group                variables
 ``faults``           ``clutter`` (frame, camera, marker), that a point is anything else; ``swaps`` (frame, camera, limbs), that
                      left and right limbs are exchanged; ``wrong_person`` (frame, camera), that what was taken for the person
                      is somebody else
-``truth``            ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm
+``truth``            ``state`` (frame, state_dim) and ``markers`` (frame, marker, axis) in mm
 ``camera``           the calibration, one row a camera
 ``body``             ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
 ``flesh``            of bodies with flesh: where its parts are at the mean states, see
                      :func:`poseppl.motion.tracking.flesh_places.with_flesh`
-``inputs``           noise, the start, clamped states, and ``step_scale`` (frame, dof), the standard deviations of the random
+``inputs``           noise, the start, clamped states, and ``step_scale`` (frame, state_dim), the standard deviations of the
+                     random
                      walk's step to each frame, mm and radians; ``marker_offsets`` (marker, axis), the markers' places in the
                      frames of their joints, mm
 ===================  =========================================================================================================
@@ -42,7 +43,7 @@ _DIMS = {
     "swaps": ("camera", "limbs"),
     "silhouette_area": ("camera",),
     "silhouette_centre": ("camera", "xy"),
-    "step_scale": ("frame", "dof"),
+    "step_scale": ("frame", "state_dim"),
     "marker_offsets": ("marker", "axis"),
 }
 
@@ -50,7 +51,7 @@ _DIMS = {
 class BodyNames(NamedTuple):
     """Names of the free coordinates, the markers and the cameras; nameless if left empty."""
 
-    dof: Sequence[str]
+    state_dim: Sequence[str]
     marker: Sequence[str] = ()
     camera: Sequence[str] = ()
 
@@ -89,7 +90,7 @@ def body_result(
     if lenses:
         groups["camera"] = labelled(lenses, ("camera",), {"camera": np.array(names.camera, str)} if names.camera else {})
     return build_result(
-        names=Names(names.dof, along={dim: list(given) for dim, given in along.items()}, dims=_DIMS),
+        names=Names(names.state_dim, along={dim: list(given) for dim, given in along.items()}, dims=_DIMS),
         extras=extras,
         summary=moments,
         others=groups,

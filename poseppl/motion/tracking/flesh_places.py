@@ -26,7 +26,7 @@ def with_flesh(tree: xr.DataTree, problem: Problem) -> xr.DataTree:
         hold, or where the state is not the pose.
     """
     body, flesh, means = problem.body, problem.body.flesh, tree["summary"].dataset["state_mean"]
-    if flesh is None or problem.pose is not None or means.sizes["dof"] != body.tree.dimension:
+    if flesh is None or problem.pose is not None or means.sizes["state_dim"] != body.tree.dimension:
         return tree
     places = jit(jax.vmap(lambda state: part_frames(body.tree, flesh, state)))(jnp.asarray(means.values, float))
     moving = {"base": places.base, "tip": places.tip, "side": places.axes[..., 0]}

@@ -113,7 +113,7 @@ def _with_markers(tree: xr.DataTree, body: Body) -> Body:
 
 def _check_coordinates(tree: xr.DataTree, body: Body) -> None:
     names = [body.tree.coordinate_names[index] for index in body.free_coordinates]
-    if names_of(tree, "dof") != names:
+    if names_of(tree, "state_dim") != names:
         raise InputError(
             "the result is of a body with other coordinates", field="--model", expected="the body that was tracked"
         )

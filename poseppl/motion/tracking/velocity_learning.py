@@ -33,7 +33,7 @@ from poseppl.motion.tracking.walk_learning import (
     learned_scales,
     reversion,
 )
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.run import Constant
 from poseppl.smoothers import smoothed_moments
@@ -109,7 +109,7 @@ def velocity_walk(model: CompiledModel, scale: Array, units: Units, free: tuple[
     """Transitions, around 0, of poses and velocities (d,) each, in a state (2 d,)."""
     kept, _, way = units
     left, offset = reversion(body_inputs(inputs), free)
-    mean, covariance = model.initial_moments(rows_of(inputs, 0))
+    mean, covariance = model.initial_moments(tree_index(inputs, 0))
     blank = jnp.zeros_like(covariance)
 
     def jacobian(left: Array, along: Array, kept: Array) -> Array:

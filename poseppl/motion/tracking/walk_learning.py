@@ -35,7 +35,7 @@ from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, quadratic_prior
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.smoothers import smoothed_moments
@@ -94,7 +94,7 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
     Raises:
         ValueError: They are not.
     """
-    x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
+    x, second = jnp.ones(model.dimension), tree_index(inputs, 1)
     mean, covariance = jit_lightly(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
     kept, offset = reversion(body_inputs(second), free)
@@ -152,7 +152,7 @@ def smoothed_walk(
     model: CompiledModel, free: tuple[int, ...], steps: Array, trajectory: Array, observations: Observation, inputs: Any
 ) -> tuple[Array, Array]:
     """Smoothed means (T, d) and expected squared steps (T - 1, d) under steps (T, d), the data expanded around a trajectory."""
-    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
+    first = Gaussian(*model.initial_moments(tree_index(inputs, 0)))
     return expected_steps(first, expand(model, trajectory, observations, inputs), steps, *reversion(body_inputs(inputs), free))
 
 

@@ -52,7 +52,7 @@ _RATE = Remedy("check the frame rate")
 
 
 class Steps(NamedTuple):
-    """Steps (frame - 1, dof) of the posterior mean, from each frame to the next.
+    """Steps (frame - 1, state_dim) of the posterior mean, from each frame to the next.
 
     Attributes:
         standardised: In units of the walk.
@@ -77,7 +77,7 @@ def steps_of(tree: xr.DataTree) -> Steps | None:
 
 
 def _error_of_means(tree: xr.DataTree, variance: Floats) -> Floats:
-    """Variances (frame, dof) of means that are of independent draws, as a closed form's are where the state is no pose."""
+    """Variances (frame, state_dim) of means of independent draws, as a closed form's are where the state is no pose."""
     draws = statistic(tree, "ess")
     if draws is None or not provenance(tree).get("closed form"):
         return np.zeros_like(variance)
@@ -90,7 +90,7 @@ def estimated_steps(tree: xr.DataTree) -> Findings:
     if steps is None:
         yield not_run()
         return
-    names = np.array(names_of(tree, "dof"))
+    names = np.array(names_of(tree, "state_dim"))
     moves = np.array([name.rpartition(".")[2] in ("tx", "ty", "tz") for name in names])
     for group, members in (("Translations", moves), ("Angles", ~moves)):
         chosen = Steps(*(part[:, members] for part in steps))
@@ -118,10 +118,12 @@ def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_])
     far = sizes > LEAP
     if far.mean() <= LEAP_SHARE and sizes.max() <= LEAP_ERROR:
         return
-    frame, dof = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    frame, column = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
     number = int(tree["posterior"].dataset["frame"].values[1:][frame])
     text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
-    text += f" (largest {sizes.max():.1f}, {names[dof]} in frame {number}): another person, a left/right swap, or fast motion:"
+    text += (
+        f" (largest {sizes.max():.1f}, {names[column]} in frame {number}): another person, a left/right swap, or fast motion:"
+    )
     remedies = Remedy("check the data there"), *of_walk(tree, "raise {}", _ARGUMENTS[group])
     yield Verdict(ERROR if sizes.max() > LEAP_ERROR else WARNING, text, remedies)
 

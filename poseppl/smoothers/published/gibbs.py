@@ -31,7 +31,7 @@ from poseppl.checks import RangeError, check_at_least, check_choice
 from poseppl.filters.base import check_noise
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
@@ -198,7 +198,7 @@ def _round(model: CompiledModel, settings: Settings, frames: Frames, rng_key: Ar
         rng_key, place = row
         end = num_frames - 1
         here = jnp.minimum(place, end)
-        rows = rows_of(frames, here)
+        rows = tree_index(frames, here)
 
         def move_chain(keys: Array, x: Array) -> tuple[Array, Array]:
             befores, afters = x[jnp.maximum(here - 1, 0)], x[jnp.minimum(here + 1, end)]

@@ -32,7 +32,7 @@ from jax import Array
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, transition_around
 from poseppl.kernels.laplace import whitening
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.published.likelihood_mixture import LikelihoodMixture, log_components
@@ -107,7 +107,7 @@ def prepare_frames(
     num_frames = mixture.anchors.shape[0]
     place = jnp.arange(num_frames)
     following = jnp.minimum(place + 1, num_frames - 1)
-    next_inputs = rows_of(inputs, following)
+    next_inputs = tree_index(inputs, following)
     origins = mixture.anchors[:, :1] if structure.linear else mixture.anchors
     ahead = jax.vmap(lambda rows, i: jax.vmap(lambda x: transition_around(model, x, i))(rows))(origins, next_inputs)
     last = place == num_frames - 1

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.particles.resampling import systematic
-from poseppl.particles.stacks import prepend, rows_of, split_first
+from poseppl.particles.stacks import prepend, split_first, tree_index
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_initials, log_transition_matrix, transition_moments
@@ -35,7 +35,7 @@ def map_frames(function: Any, arguments: Any, num_frames: int, elements: int) ->
         return jax.vmap(function)(arguments)
     blocks = -(-num_frames // batch)
     rows = jnp.minimum(jnp.arange(blocks * batch), num_frames - 1).reshape(blocks, batch)
-    mapped = jax.lax.map(lambda row: jax.vmap(function)(rows_of(arguments, row)), rows)
+    mapped = jax.lax.map(lambda row: jax.vmap(function)(tree_index(arguments, row)), rows)
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:num_frames], mapped)
 
 

@@ -36,7 +36,7 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import factorise
 from poseppl.particles.resampling import systematic
-from poseppl.particles.stacks import append, rows_of
+from poseppl.particles.stacks import append, tree_index
 from poseppl.particles.weights import Normalised, nan_to_neg_inf, normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -104,7 +104,7 @@ def two_filter_smoother(
         if num_frames == 1:
             return Smoothed(history.particles, first.log_weights[None], smoothing_info(1, first.ess))
         key_backward, key_meet, key_first = jax.random.split(rng_key, 3)
-        later_inputs = rows_of(inputs, slice(1, None))
+        later_inputs = tree_index(inputs, slice(1, None))
         backward = _information_filter(model, widening, key_backward, history, observations, inputs)
 
         def combine(row: Any) -> tuple[Array, Array, Array]:
@@ -115,7 +115,7 @@ def two_filter_smoother(
         keys = jax.random.split(key_meet, num_frames - 1)
         rows = (keys, backward, history.particles[:-1], history.log_weights[:-1], later_inputs)
         log_weights, ess, unreachable = jax.lax.map(combine, rows)
-        start = _first_frame(model, method, tile, key_first, history, rows_of((backward, later_inputs), 0))
+        start = _first_frame(model, method, tile, key_first, history, tree_index((backward, later_inputs), 0))
         pairs = num_particles if method == "exact" else num_pairs
         info = smoothing_info(
             num_frames,
@@ -135,13 +135,13 @@ def _information_filter(
     """Backward particles of the frames 1 to T - 1, (T - 1, N, ...)."""
     num_frames, num_particles, _ = history.particles.shape
     key_fit, key_last, key_steps = jax.random.split(rng_key, 3)
-    seen, given = rows_of((observations, inputs), slice(1, None))
+    seen, given = tree_index((observations, inputs), slice(1, None))
     keys = jax.random.split(key_fit, num_frames - 1)
     forward = (keys, history.particles[:-1], history.log_weights[:-1], given)
     pairs = jax.lax.map(lambda row: pair_moments(model, *row), forward)
     priors, regressions = jax.vmap(partial(summarise, inflation=inflation))(*pairs)
     log_observation = partial(_log_observations, model)
-    final = rows_of((priors, seen, given), -1)
+    final = tree_index((priors, seen, given), -1)
     final_set = history.particles[-1], history.log_weights[-1]
     mean, covariance = weighted_mean(*final_set), weighted_covariance(*final_set)
     floor = floor_of(pairs[1][-1][mean.shape[0] :, mean.shape[0] :], mean)
@@ -163,7 +163,7 @@ def _information_filter(
         return result, result
 
     # frame t = 1..T-2: prior of t, regression of t on t + 1, data and inputs of t, inputs of t + 1
-    current, following = (rows_of((priors, regressions, seen, given), cut) for cut in (slice(0, -1), slice(1, None)))
+    current, following = (tree_index((priors, regressions, seen, given), cut) for cut in (slice(0, -1), slice(1, None)))
     keys = jax.random.split(key_steps, max(num_frames - 2, 1))[: num_frames - 2]
     rows = (keys, current[0], following[1], current[2], current[3], following[3])
     _, earlier = jax.lax.scan(step, last, rows, reverse=True)

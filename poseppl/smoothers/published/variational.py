@@ -60,7 +60,7 @@ from poseppl.gaussians.linear_transitions import (
     quadratic_prior,
     transition_structure,
 )
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -199,7 +199,7 @@ def fit_variational(
 
         tried, energies = jax.vmap(towards)(fractions * moves)
         best = jnp.argmin(jnp.where(jnp.isnan(energies), jnp.inf, energies))
-        return rows_of((tried, energies), best)
+        return tree_index((tried, energies), best)
 
     def update(state: _State, moves: Array) -> tuple[_State, Array]:
         state, energies = jax.lax.scan(lambda state, chosen: move(state, chosen, moves), state, parts)
@@ -257,7 +257,7 @@ def _expected_prior(model: CompiledModel, inputs: Any, means: Array, factor: Blo
     scales = jax.vmap(_square_root)(covariances)
     reach = jnp.sqrt(float(d)) * scales[0].T
     first = means[0] + jnp.concatenate([reach, -reach])
-    total = jnp.mean(log_initials(model, first, rows_of(inputs, 0)))
+    total = jnp.mean(log_initials(model, first, tree_index(inputs, 0)))
     if num_frames == 1:
         return -total
 
@@ -270,7 +270,7 @@ def _expected_prior(model: CompiledModel, inputs: Any, means: Array, factor: Blo
         befores = before + jnp.concatenate([earlier, -earlier])
         return jnp.mean(log_transitions(model, xs, befores, row_inputs))
 
-    later = rows_of(inputs, slice(1, None))
+    later = tree_index(inputs, slice(1, None))
     rows = means[:-1], means[1:], scales[1:], factor.gains, factor.inverses[:-1], later
     return -total - jnp.sum(jax.vmap(pair)(rows))
 

@@ -13,7 +13,7 @@ from poseppl.errors import InputError
 from poseppl.motion.silhouettes.scene import silhouette_scene
 from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, make_problem, smooth, track
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.runs.contents import flat_draws
 from poseppl.runs.frame_sequence import stacked_inputs
 
@@ -46,7 +46,7 @@ def test_all_frames_at_once_are_the_frames_one_by_one(scene):
     alone = jax.jit(jax.value_and_grad(density))
     for t in range(FRAMES):
         for chain in range(len(xs)):
-            value, slope = alone(xs[chain, t], rows_of(data, t), rows_of(inputs, t))
+            value, slope = alone(xs[chain, t], tree_index(data, t), tree_index(inputs, t))
             np.testing.assert_allclose(together[0][chain, t], value, rtol=1e-5)
             np.testing.assert_allclose(together[1][chain, t], slope, rtol=1e-3, atol=1e-3 * np.abs(slope).max())
 
@@ -62,6 +62,6 @@ def test_a_result_is_smoothed_with_its_scene_alone(scene):
     assert np.isfinite(smoothed["summary"].dataset["markers_mean"].values).all()
     # nothing comes after the last frame: its draws are the filter's, chosen anew
     last, filtered = (
-        flat_draws(each).transpose("chain", "draw", "frame", "dof").values[0, :, -1] for each in (smoothed, result)
+        flat_draws(each).transpose("chain", "draw", "frame", "state_dim").values[0, :, -1] for each in (smoothed, result)
     )
     assert all((row == filtered).all(1).any() for row in last)

@@ -110,7 +110,7 @@ def test_bodies_of_all_statures_are_seen_where_one_is(name: str, request: pytest
         np.testing.assert_allclose(points, project(cameras, jnp.asarray(markers)), atol=0.1)
     assert statures.std() == pytest.approx(POPULATION[1], rel=0.02)
     sites = np.concatenate([posterior["spine_position"].values, posterior["spine"].values], -1)
-    at = [list(flat_draws(tree).coords["dof"].values).index(f"spine.{axis}") for axis in ("tx", "ty", "tz")]
+    at = [list(flat_draws(tree).coords["state_dim"].values).index(f"spine.{axis}") for axis in ("tx", "ty", "tz")]
     np.testing.assert_array_equal(sites[..., :3], flat_draws(tree).values[..., at])
 
 

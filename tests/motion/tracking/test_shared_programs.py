@@ -13,7 +13,7 @@ from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import look_at, marker_positions
 from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.motion.tracking import make_problem, observe_motion
-from poseppl.particles.stacks import rows_of
+from poseppl.particles.stacks import tree_index
 from poseppl.runs.frame_sequence import frame_inputs
 
 OTHER = {"thigh": 390.0, "shoulder_forward": 20.0, "hip_forward": -35.0, "shoulder_drop": 0.0}
@@ -73,7 +73,7 @@ def test_a_person_is_seen_with_the_lengths_that_are_told(lengths):
     x = np.asarray(body.rest)[None]
     subject = MovingSubject(body, x, body.places(x), None, np.arange(1), 30.0, "at ease")
     problem = make_problem(observe_motion(subject, look_at((0, -5000, 1000), (0, 0, 1000)), ["camera"], noise=0.0003))
-    inputs, data = frame_inputs(problem.inputs, 0), rows_of(problem.observations, 0)
+    inputs, data = frame_inputs(problem.inputs, 0), tree_index(problem.observations, 0)
     mean, covariance = problem.model.observation_moments(jax.numpy.asarray(x[0], float), inputs)
     seen, _ = problem.model.flat_observation(data)
     assert seen.shape == (34,)

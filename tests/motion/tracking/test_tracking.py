@@ -100,7 +100,12 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
     tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20))
     assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.data.points[0].size)
-    assert list(tree["unconstrained_posterior"]["dof"].values) == ["shoulder_r.Z", "shoulder_r.Y", "shoulder_r.X", "elbow_r.X"]
+    assert list(tree["unconstrained_posterior"]["state_dim"].values) == [
+        "shoulder_r.Z",
+        "shoulder_r.Y",
+        "shoulder_r.X",
+        "elbow_r.X",
+    ]
     clamped = scene.body.tree.marker_names.index("pelvis")
     np.testing.assert_allclose(tree["summary/markers_mean"][:, clamped], arm.markers[:, clamped], atol=0.05)
     assert float(tree["diagnostics/joint_error"].mean()) < 50

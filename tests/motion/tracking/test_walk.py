@@ -90,7 +90,7 @@ def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> 
     settings = TrackSettings(ARM, "kalman", {"num_particles": draws}, sigma_angle=0.6)
     tree = track(scene, settings)
     expected = 0.6 / np.sqrt(60.0)
-    assert tree["inputs/step_scale"].dims == ("frame", "dof")
+    assert tree["inputs/step_scale"].dims == ("frame", "state_dim")
     np.testing.assert_allclose(tree["inputs/step_scale"], expected, rtol=1e-6)
     variance = tree["summary/state_sd"].values ** 2
     grown = (variance[4] - variance[0]) / 4
