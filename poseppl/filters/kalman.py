@@ -8,8 +8,8 @@ Morelande and Sarkka 2015, doi:10.1109/TSP.2015.2454485), for first-order lines 
 Exact for linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is
 a baseline and an oracle.
 
-The particles of its state are independent draws from the Gaussian, for whatever reads particles; the Gaussian stands beside
-them.
+The particles of its state are independent draws from the Gaussian, for whatever reads particles. They are made when they are
+read: a run that keeps moments alone draws nothing.
 """
 
 from __future__ import annotations
@@ -30,24 +30,36 @@ from poseppl.gaussians.marginals import Marginals, gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 
+_NOISE = "threefry2x32"
+"""The generator of a state's draws, whatever that of the run's key."""
 _FEW = 32
 """Coordinates and data of a frame up to which LAPACK factors them with one thread."""
 
 
 class KalmanState(NamedTuple):
-    """The Gaussian and draws from it.
+    """The Gaussian, and what its draws are made of.
 
     Attributes:
-        particles: Draws (N, d).
         log_weights: Log-weights (N,), all -log N.
         posterior: Mean (d,) and covariance (d, d), of few coordinates by its root.
         started: Whether there has been a frame, a boolean; before the first one `posterior` is that of the initial program.
+        noise: Data of the key that the draws are made from, uint32 (2,).
     """
 
-    particles: Array
     log_weights: Array
     posterior: Gaussian | RootGaussian
     started: Array
+    noise: Array
+
+    @property
+    def particles(self) -> Array:
+        """Draws (N, d), the same at each reading; of stacked states (..., N, d)."""
+        if self.noise.ndim > 1:
+            stacked: Array = jax.vmap(lambda state: state.particles)(self)
+            return stacked
+        mean = jnp.asarray(self.posterior.mean)
+        key = jax.random.wrap_key_data(self.noise, impl=_NOISE)
+        return mean + jax.random.normal(key, (*self.log_weights.shape, *mean.shape), mean.dtype) @ lower_root(self.posterior).T
 
     @property
     def marginals(self) -> Marginals:
@@ -91,8 +103,8 @@ def kalman_filter(
 
     def initial_state(observation: Observation, inputs: Any = None) -> KalmanState:
         initial = form(*model.initial_moments(inputs))
-        draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
-        return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
+        weights = jnp.zeros(num_particles, initial.mean.dtype)
+        return KalmanState(weights, initial, jnp.zeros((), bool), jnp.zeros(2, jnp.uint32))
 
     def step(
         rng_key: Array, state: KalmanState, observation: Observation, inputs: Any = None
@@ -104,11 +116,10 @@ def kalman_filter(
         predicted: Any = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
         posterior, log_evidence, failed = update(model, predicted, observation, inputs, linearisation, num_iterations)
         dtype = predicted.mean.dtype
-        noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
-        draws = posterior.mean + noise @ lower_root(posterior).T
         info = filter_info(log_evidence, num_particles, num_particles, failed, num_likelihood=1, num_gradient=1)
         log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
-        return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
+        noise = jax.random.key_data(rng_key)[:2]
+        return KalmanState(log_weights, posterior, jnp.ones((), bool), noise), info
 
     return filter_of_steps(initial_state, step, closed_form=True)
 

@@ -309,7 +309,7 @@ def _result(
         return np.moveaxis(blank(values), (2, 3), (0, 1))
 
     known = coordinates(Names(model.coordinate_names, values=model.finite_values), (chains, draws, frames))
-    known["series"] = np.asarray(names)
+    known = known.assign(series=np.asarray(names))
     leading, of_series = ("chain", "draw", "series", "frame"), ("series", "frame")
     stats = {name: blank(values) for name, values in info._asdict().items() if name != "ancestors"}
     stats["acceptance_rate"] = stats.pop("acceptance")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,7 @@ from poseppl.particles.resampling import systematic, systematic_draws
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
 from poseppl.program.memoized_builder import memoized_builder
+from poseppl.runs.gaussian_draws import Draws as Draws, GaussianCollector
 from poseppl.runs.results import QUANTILES
 from poseppl.runs.run import Collect
 from poseppl.runs.site_summary import sites_of, summary_of_sites
@@ -37,23 +38,6 @@ _DIMENSIONS = ("chain", "draw", "frame", "series", "state_dim", "quantile")
 """Of results, beside those of sites."""
 _NUM_QUANTILE_DRAWS = 2000
 """Weighted particles are resampled to so many draws for their quantiles: a standard error of 1 % of a probability."""
-
-
-class Draws(NamedTuple):
-    """Draws kept of a frame.
-
-    Attributes:
-        state: Draws of the flat state (chains, draws, d).
-        sites: Draws of the state's sites by name, as the programs know them, (chains, draws, ...).
-        extras: Draws of the extras by name (chains, draws, ...).
-        summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of sites and extras, by name; of a
-            site of finitely many values ``NAME_probability`` (..., values) instead.
-    """
-
-    state: Array
-    sites: dict[str, Array]
-    extras: dict[str, Array]
-    summary: dict[str, Array]
 
 
 @memoized_builder
@@ -131,8 +115,10 @@ def collect_draws(
         return told(kept, summary, inputs)
 
     def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
-        return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
+        return (of_chains if state.log_weights.ndim == 2 else of_particles)(rng_key, state, inputs)
 
+    gaussian = GaussianCollector(model, max_draws, np.asarray(quantiles, float), of_state)
+    collect.gaussian = gaussian  # type: ignore[attr-defined]
     return collect
 
 

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit, jit_lightly
+from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
 from poseppl.filters.base import Filter, FilterInfo, FilterState
 from poseppl.filters.scan import (
     Collect,
@@ -31,12 +31,14 @@ from poseppl.filters.scan import (
     frame_keys,
     frame_program,
 )
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import are_exact
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
+from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
 
@@ -67,7 +69,20 @@ class StepOutput(NamedTuple):
     history: Any
 
 
-@jit_lightly
+_key_programs: dict[Any, Any] = {}
+"""What was compiled of :func:`_key_data`, by the kind of the run's key."""
+
+
+def _keys_of_frames(rng_key: Array, start: int) -> FrameKeys:
+    """Data of the keys of _LONG frames, on the host."""
+    given = rng_key, np.int32(start)
+    kind = abstract_signature(given)
+    if kind not in _key_programs:
+        _key_programs[kind] = compile_to_run_once(jit(_key_data).lower(*given), 1, 1)
+    keys: FrameKeys = jax.tree.map(np.asarray, _key_programs[kind](*given))
+    return keys
+
+
 def _key_data(rng_key: Array, start: Any) -> FrameKeys:
     """Data of the keys of _LONG frames."""
     keys: FrameKeys = jax.vmap(frame_keys, (None, 0))(rng_key, start + jnp.arange(_LONG, dtype=jnp.int32))
@@ -84,12 +99,17 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
 
 
 @memoized_builder
-def collect_kept(filter: Filter, collect: Collect, keep: bool) -> Collect:
-    """Keep of a frame :class:`StepOutput`, with or without the filter's history."""
+def collect_kept(filter: Filter, collect: Collect, keep: bool, moments: bool = False) -> Collect:
+    """Keep of a frame :class:`StepOutput`, with or without the filter's history.
+
+    With `moments`, outputs may be the moments of a Gaussian, of which :class:`GaussianCollector` makes draws.
+    """
+    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None) if moments else None
 
     def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
         history = history_of_frame(filter, state, info) if keep else None
-        outputs = collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
+        outputs = gaussian.keep(rng_key, state) if gaussian and gaussian.serves(inputs) else None
+        outputs = outputs or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
         told = collect_info(rng_key, state, info, inputs)
         return StepOutput(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
@@ -104,7 +124,10 @@ def _num_unique(ancestors: Any) -> Any:
 
 
 def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
-    """Whether all particles of positive weight are finite, and, if the model is given, its integers exact."""
+    """Whether all particles of positive weight, or the Gaussian, are finite; if the model is given, its integers are exact."""
+    posterior = getattr(state, "posterior", None)
+    if isinstance(posterior, Gaussian | RootGaussian):
+        return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in posterior]))
     alive = state.log_weights > -jnp.inf
     right = jnp.isfinite(state.particles).all(-1)
     if model is not None:
@@ -138,7 +161,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     tell_filter_defined_anew(filter)
     warn_recompilation(filter, "collector", collect)
     warn_recompilation(filter, "predictive check", predict)
-    advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep), predict)
+    advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep, moments=True), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, StepOutput]:
@@ -146,21 +169,19 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         state, (kept, prediction) = advance(start.state, start.info, frame, constant)
         return state, kept._replace(prediction=prediction)
 
-    def scan_frames(rng_key: Array, start: Start, frames: Frame, active: Array, constant: list[Any]) -> tuple[Any, StepOutput]:
-        """Frames of which the `active` (length,) ones count. Where the first is among them, `start` is that of `init`."""
+    def scan_frames(rng_key: Array, start: Start, frames: Frame, count: Array, constant: list[Any]) -> tuple[Any, StepOutput]:
+        """Frames of which the first `count` count. Where the first one is among them, `start` is that of `init`."""
 
-        def body(state: Any, row: tuple[Frame, Array]) -> tuple[Any, StepOutput]:
-            def run(state: Any) -> tuple[Any, StepOutput]:
-                result: tuple[Any, StepOutput] = one_frame(rng_key, start._replace(state=state), row[0], constant)
-                return result
+        def advance_one(row: Array, before: tuple[Any, StepOutput]) -> tuple[Any, StepOutput]:
+            state, kept = before
+            frame = jax.tree.map(lambda rows: jax.lax.dynamic_index_in_dim(rows, row, keepdims=False), frames)
+            state, new = one_frame(rng_key, start._replace(state=state), frame, constant)
+            return state, jax.tree.map(lambda rows, value: jax.lax.dynamic_update_index_in_dim(rows, value, row, 0), kept, new)
 
-            def skip(state: Any) -> tuple[Any, StepOutput]:
-                return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), jax.eval_shape(run, state)[1])
-
-            result: tuple[Any, StepOutput] = jax.lax.cond(row[1], run, skip, state)
-            return result
-
-        return jax.lax.scan(body, start.state, (frames, active))
+        shapes = jax.eval_shape(one_frame, rng_key, start, tree_index(frames, 0), constant)[1]
+        blank = jax.tree.map(lambda leaf: jnp.zeros((len(frames.number), *leaf.shape), leaf.dtype), shapes)
+        result: tuple[Any, StepOutput] = jax.lax.fori_loop(0, count, advance_one, (start.state, blank))
+        return result
 
     return _Programs(one_frame, jit(scan_frames), {})
 
@@ -196,6 +217,7 @@ class CompiledRun:
         history_bytes: float = 0,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
+        self._gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
         self._keys: Any = None
         self._keys_from = -_LONG
         self._starting = _start_program(filter, sequence.layout)
@@ -242,7 +264,13 @@ class CompiledRun:
             state, frames = _on_host(self._scan(*self._scan_data(before, first, end)), end - first)
             before = before._replace(state=state)
             kept.append(frames)
-        return state, joined(kept)
+        return state, self._with_draws(joined(kept))
+
+    def _with_draws(self, kept: StepOutput) -> StepOutput:
+        """Draws in place of the Gaussians of frames."""
+        if self._gaussian is None or not isinstance(kept.outputs, GaussianFrames):
+            return kept
+        return kept._replace(outputs=self._gaussian.draw(kept.outputs))
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """What an earlier run on data of the same kind made, or what is made now."""
@@ -252,19 +280,19 @@ class CompiledRun:
 
     def _compiled_start(self) -> Any:
         lowered = self._starting.lower(*self._first_data())
-        return compile_to_run_once(lowered, self.state.log_weights.size, self.state.particles.size)
+        return compile_to_run_once(lowered, *_sizes(self.state))
 
     def _compiled_scan(self) -> Any:
         lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
-        return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.size)
+        return compile_lowered(lowered, *_sizes(self.state))
 
     def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
         rng_key, frame, constant = self._first_data()
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
-        shapes = state, start.info, kept
-        blank: tuple[Any, FilterInfo | None, StepOutput] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes)
-        return blank
+        blank = jax.tree.map(lambda x: np.zeros((1, *x.shape), x.dtype), kept)
+        state, begun = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, start.info))
+        return state, begun, tree_index(self._with_draws(blank), 0)
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, tree_index(self._frames(0, 1), 0), self._sequence.constant
@@ -272,7 +300,7 @@ class CompiledRun:
     def _frames(self, start: int, length: int) -> Frame:
         """Frames from `start` on with their keys, which are made for more at once."""
         if not self._keys_from <= start <= self._keys_from + _LONG - length:
-            self._keys = jax.tree.map(np.asarray, _key_data(self._rng_key, np.int32(start)))
+            self._keys = _keys_of_frames(self._rng_key, start)
             self._keys_from = start
         begin = start - self._keys_from
         keys = tree_index(self._keys, slice(begin, begin + length))
@@ -281,7 +309,15 @@ class CompiledRun:
     def _scan_data(self, start: Start, first: int, stop: int) -> tuple[Any, ...]:
         placed = start._replace(state=self.filter.to_devices(start.state))
         frames = self._frames(first, self._length)
-        return self._rng_key, placed, frames, frames.number < stop, self._sequence.constant
+        return self._rng_key, placed, frames, np.int32(stop - first), self._sequence.constant
+
+
+def _sizes(state: Any) -> tuple[int, int]:
+    """How many particles a state has, and numbers in them; those of a Gaussian in its moments."""
+    posterior = getattr(state, "posterior", None)
+    if isinstance(posterior, Gaussian | RootGaussian):
+        return 1, sum(np.size(part) for part in posterior)
+    return np.size(state.log_weights), np.size(state.particles)
 
 
 def joined(parts: list[StepOutput]) -> StepOutput:

@@ -193,7 +193,7 @@ class FilterRun:
     def _method(self, info: FilterInfo, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
         filter = self._calls.filter
-        weighted = state.particles.ndim == 2 and not filter.closed_form
+        weighted = state.log_weights.ndim == 1 and not filter.closed_form
         few = weighted and bool((np.asarray(info.ess) < FEW).any())
         misses = few or filter.is_optimizer or filter.points is not None
         if filter.model is None or not misses:
@@ -203,9 +203,9 @@ class FilterRun:
 
 def _collapse(run: Run, numbers: Sequence[int]) -> str | None:
     """A sentence on the frames at which hardly a particle has weight, if there are any."""
-    count = run.state.particles.shape[0]
+    count = run.state.log_weights.shape[0]
     low = np.flatnonzero((run.info.ess < _COLLAPSED) & ~run.info.failed)
-    if run.state.particles.ndim != 2 or count < _MANY or not low.size:
+    if run.state.log_weights.ndim != 1 or count < _MANY or not low.size:
         return None
     others = f" and {low.size - 1} other frames" if low.size > 1 else ""
     return (

@@ -42,7 +42,7 @@ class ParticleHistory(NamedTuple):
 
 def history_of_frame(filter: Filter, state: FilterState, info: FilterInfo) -> ParticleHistory | Gaussian | None:
     """What is kept of one frame; None of a filter of chains."""
-    if state.particles.ndim != 2:
+    if state.log_weights.ndim != 1:
         return None
     gaussian = getattr(state, "posterior", None)
     if isinstance(gaussian, Gaussian | RootGaussian):
@@ -58,13 +58,13 @@ def with_genealogy_alone(filter: Filter, info: FilterInfo) -> FilterInfo:
 
 def bytes_of_frame(filter: Filter, state: Any) -> int:
     """Bytes of :func:`history_of_frame`, from a state or its shapes."""
-    particles = state.particles
-    if particles.ndim != 2:
+    if state.log_weights.ndim != 1:
         return 0
-    number, dimension = particles.shape
-    if isinstance(getattr(state, "posterior", None), Gaussian | RootGaussian):
-        return int(dimension * (dimension + 1) * particles.dtype.itemsize)
-    return int(number * ((dimension + 1) * particles.dtype.itemsize + 4 * filter.genealogy))
+    gaussian = getattr(state, "posterior", None)
+    if isinstance(gaussian, Gaussian | RootGaussian):
+        return int((gaussian.mean.shape[0] + 1) * gaussian.mean.size * gaussian.mean.dtype.itemsize)
+    number, dimension = state.particles.shape
+    return int(number * ((dimension + 1) * state.particles.dtype.itemsize + 4 * filter.genealogy))
 
 
 def history_variables(history: ParticleHistory | Gaussian | None) -> dict[str, Array]:

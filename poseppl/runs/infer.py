@@ -162,7 +162,7 @@ def smooth(
         raise ValueError(
             "The smoother does not know its model. Use a builder of poseppl.smoothers, or Smoother(..., model=model)."
         )
-    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model, rng_key)
+    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, smoother, rng_key)
     given = held if data is None else data
     if not given:
         raise ValueError(
@@ -239,17 +239,19 @@ def filter_of(filter: Any, model: CompiledModel) -> Filter:
     return built
 
 
-def _read(result: Any, model: CompiledModel, rng_key: Array) -> tuple[History, dict[str, Any]]:
+def _read(result: Any, smoother: Smoother, rng_key: Array) -> tuple[History, dict[str, Any]]:
     """The history of a result, and its data by name."""
     if not isinstance(result, xr.DataTree) or FLAT not in result.children:
         raise ValueError(
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    check_same_model(result, model)
+    assert smoother.model is not None
+    check_same_model(result, smoother.model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    return history_of_result(result, jax.random.fold_in(rng_key, 0)), arrays_of(result, "observed_data")
+    history = history_of_result(result, jax.random.fold_in(rng_key, 0), smoother.reads_particles)
+    return history, arrays_of(result, "observed_data")
 
 
 def _name(smoother: Smoother) -> str:

@@ -43,9 +43,9 @@ class Names(NamedTuple):
 
 def coordinates(
     names: Names, shape: tuple[int, ...], frames: ArrayLike | None = None, quantiles: Sequence[float] = QUANTILES
-) -> dict[str, NDArray[Any]]:
-    """Coordinates by dimension, of draws that begin with (chain, draw, frame)."""
-    return {
+) -> xr.Coordinates:
+    """Coordinates of all dimensions, of draws that begin with (chain, draw, frame)."""
+    values: dict[str, NDArray[Any]] = {
         "chain": np.arange(shape[0]),
         "draw": np.arange(shape[1]),
         "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
@@ -54,6 +54,7 @@ def coordinates(
         **{f"{name}_value": np.array(given) for name, given in names.values.items()},
         "quantile": np.array(quantiles, float),
     }
+    return xr.Coordinates(values)
 
 
 def _dims_of(name: str, number: int, dims: Dims) -> tuple[str, ...]:
@@ -63,7 +64,7 @@ def _dims_of(name: str, number: int, dims: Dims) -> tuple[str, ...]:
 
 
 def labelled(
-    variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]], dims: Dims = _NONE
+    variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: xr.Coordinates, dims: Dims = _NONE
 ) -> xr.Dataset:
     """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
@@ -75,7 +76,7 @@ def labelled(
 
 
 def labelled_summary(
-    statistics: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]], dims: Dims = _NONE
+    statistics: Mapping[str, ArrayLike], leading: tuple[str, ...], known: xr.Coordinates, dims: Dims = _NONE
 ) -> xr.Dataset:
     """Name the axes of summaries: ``NAME_mean``, ``NAME_quantile`` (quantile, ...), ``NAME_probability`` (..., value)."""
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
@@ -89,15 +90,19 @@ def labelled_summary(
     return checked(data, known)
 
 
-def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: xr.Coordinates) -> xr.Dataset:
     """A dataset of variables with named dimensions.
 
     Raises:
         ValueError: A shape does not agree with the coordinates.
     """
+    known_variables, sizes = known.variables, {str(dim): each.size for dim, each in known.variables.items()}
     for name, (dims, values) in data.items():
-        wanted = tuple(len(known[dim]) if dim in known else size for dim, size in zip(dims, values.shape, strict=False))
+        wanted = tuple(sizes.get(dim, size) for dim, size in zip(dims, values.shape, strict=False))
         if values.ndim != len(dims) or values.shape != wanted:
             raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
-    used = {dim for dims, _ in data.values() for dim in dims if dim in known}
-    return xr.Dataset(dict(data), coords={dim: known[dim] for dim in known if dim in used})
+    taken = {dim for dims, _ in data.values() for dim in dims}
+    used = [dim for dim in sizes if dim in taken]
+    # with the indexes that there are, which xarray would make anew for each group
+    coords = xr.Coordinates({dim: known_variables[dim] for dim in used}, {dim: known.xindexes[dim] for dim in used})
+    return xr.Dataset({name: xr.Variable(dims, values, fastpath=True) for name, (dims, values) in data.items()}, coords)

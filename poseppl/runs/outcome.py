@@ -42,15 +42,15 @@ def result_kwargs(run: Run | SmoothingRun) -> dict[str, Any]:
     stats: dict[str, Any] = run.info._asdict()
     stats.pop("ancestors")
     stats["acceptance_rate"] = stats.pop("acceptance")
-    particles = run.state.particles
-    weighted = particles.ndim == 2
+    count = run.state.log_weights.shape[0]
+    weighted = run.state.log_weights.ndim == 1
     if weighted:
         stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
         stats["unique_ancestors"] = run.unique_ancestors
     attrs: dict[str, Any] = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
     if run.warnings:
         attrs["warnings"] = list(run.warnings)
-    parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
+    parts = _parts(run, stats, count if weighted else None, attrs)
     checks = {} if run.prediction is None else run.prediction.by_name()
     return parts | {"predictive": checks or None, "history": history_variables(run.history)}
 
@@ -133,15 +133,18 @@ def smoothed_result(
     )
 
 
-def history_of_result(tree: xr.DataTree, rng_key: Array) -> History:
+def history_of_result(tree: xr.DataTree, rng_key: Array, particles: bool = True) -> History:
     """What smoothers start from: the filter's particles, draws of its Gaussians, or else the draws of the result.
 
     Args:
         tree: The result of a filter.
         rng_key: PRNG key of the draws of Gaussians.
+        particles: Whether the smoother reads them; without, the mean stands for them.
     """
     kept = arrays_of(tree, HISTORY)
     failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
+    if not particles:
+        return _equal_weights(tree["summary"].dataset["state_mean"].values[:, None], failed)
     if "state" in kept:
         ancestors = kept.get("ancestor", np.zeros((len(failed), 0), np.int32))
         return History(kept["state"], kept["log_weight"], ancestors, failed)  # type: ignore[arg-type]

@@ -141,13 +141,13 @@ def build_result(
     if inputs is not None:
         groups["inputs"] = labelled(inputs, (), known, dims)
     groups |= _of_algorithms(known, predictive, history or {})
-    tree = xr.DataTree.from_dict(groups | dict(others or {}))
+    tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in (groups | dict(others or {})).items()})
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
 
 
 def _of_algorithms(
-    known: Mapping[str, NDArray[Any]],
+    known: xr.Coordinates,
     predictive: Mapping[str, ArrayLike] | None,
     history: Mapping[str, ArrayLike],
 ) -> dict[str, xr.Dataset]:
@@ -258,14 +258,14 @@ def _printable(value: Any) -> Any:
     return value
 
 
-def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+def _predictive(predictive: Mapping[str, ArrayLike], known: xr.Coordinates) -> xr.Dataset:
     checks = {name: np.asarray(values) for name, values in predictive.items()}
     axes = {name: _CHECK_AXES.get(name, ("frame", "entry"))[: values.ndim] for name, values in checks.items()}
     return checked({name: (axes[name], values) for name, values in checks.items()}, known)
 
 
-def _summary(draws: NDArray[Any], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]], dims: Dims) -> xr.Dataset:
-    computed = {} if "state_mean" in given else draw_moments("state", draws, known["quantile"])
+def _summary(draws: NDArray[Any], given: Mapping[str, ArrayLike], known: xr.Coordinates, dims: Dims) -> xr.Dataset:
+    computed = {} if "state_mean" in given else draw_moments("state", draws, known["quantile"].values)
     return labelled_summary(computed | dict(given), ("frame",), known, dims)
 
 

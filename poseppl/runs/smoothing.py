@@ -14,21 +14,22 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from poseppl.arrays import Booleans
 from poseppl.checks import check_key
-from poseppl.compilation import compile_smoother, jit, jit_lightly
+from poseppl.compilation import compile_smoother, jit
 from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
+from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
 from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.compiled_scan import abstract_signature, is_finite
-from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.frame_sequence import device_array, frame_sequence
+from poseppl.runs.gaussian_draws import GaussianCollector
 from poseppl.runs.recompilation import warn_recompilation
 from poseppl.runs.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
@@ -100,23 +101,31 @@ def run_smoother(
             "collect=collect_history), with all particles, weights and ancestors."
         )
     check_key(rng_key)
-    history = jax.tree.map(jnp.asarray, history)
+    history = jax.tree.map(device_array, history)
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, inputs, num_frames)
     whole = sequence.stacked_inputs()
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
-    compiled = _compiled(smoother, rng_key, history, data, whole)
+    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
+    if smoother.passes is None or gaussian is None or not gaussian.serves(tree_index(whole, 0)):
+        gaussian = None
+    compiled = _compiled(smoother, gaussian is not None, rng_key, history, data, whole)
     ready, processor = time.perf_counter(), time.process_time()
-    smoothed: Smoothed = compiled(rng_key, history, data, whole)
-    smoothed.particles.block_until_ready()
+    smoothed = compiled(rng_key, history, data, whole)
+    jax.tree.leaves(smoothed)[0].block_until_ready()
     seconds, spent = (ready - started, time.perf_counter() - ready), time.process_time() - processor
-    finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
+    if gaussian is None:
+        count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
+        finite, outputs = jax.tree.map(np.asarray, _collected(smoother, collect, rng_key, smoothed, whole))
+    else:
+        count = smoother.num_draws
+        outputs = gaussian.draw_backwards(rng_key, smoothed, count)
+        finite = np.isfinite(outputs.state).all() and np.isfinite(outputs.summary["state_sd"]).all()
     if not finite:
         raise SmoothingError(_breakdown(smoother, smoothed))
     info = jax.tree.map(np.asarray, smoothed.info)
     _check_reachable(info.unreachable)
-    count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
     return SmoothingRun(outputs, info, count, *seconds, smoother.provenance, spent)
 
 
@@ -132,9 +141,10 @@ def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
         )
 
 
-def _breakdown(smoother: Smoother, smoothed: Smoothed) -> str:
+def _breakdown(smoother: Smoother, smoothed: Any) -> str:
     """Why smoothed states cannot be used."""
-    names = [] if smoother.model is None else overflown(smoother.model.sites, smoothed.particles)
+    model = smoother.model if isinstance(smoothed, Smoothed) else None  # Gaussians are of no integers
+    names = [] if model is None else overflown(model.sites, smoothed.particles)
     if names:
         return overflow_message(names)
     return "the smoothed states are not finite: the model or the settings of the smoother break down"
@@ -149,9 +159,12 @@ def mask_failed(observations: Observation, failed: Array | Booleans) -> Observat
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
 
 
-def _compiled(smoother: Smoother, *given: Any) -> Any:
-    """The smoother's function of the key of the run, the history, data and inputs, compiled once for data of one kind."""
-    smooth, made = _smoothing(smoother)
+def _compiled(smoother: Smoother, passes: bool, *given: Any) -> Any:
+    """The smoother's function of the key of the run, the history, data and inputs, compiled once for data of one kind.
+
+    With `passes`, its passes in place of what it draws.
+    """
+    smooth, made = _smoothing(smoother, passes)
     kind = abstract_signature(given)
     if kind not in made:
         made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1], smoother.closed_form)
@@ -159,18 +172,32 @@ def _compiled(smoother: Smoother, *given: Any) -> Any:
 
 
 @memoized_builder
-def _smoothing(smoother: Smoother) -> tuple[Any, dict[Any, Any]]:
+def _smoothing(smoother: Smoother, passes: bool) -> tuple[Any, dict[Any, Any]]:
     """The smoother's function, jitted, from the key of the run; and, by the kind of its data, what was compiled of it."""
 
-    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any) -> Any:
+        if passes and smoother.passes is not None:
+            return smoother.passes(history, observations, inputs)
         return smoother.smooth(jax.random.split(rng_key)[0], history, observations, inputs)
 
     return jit(smooth), {}
 
 
+def _collected(smoother: Smoother, collect: Collect, *given: Any) -> tuple[Array, Any]:
+    """Whether all states are finite, and what is kept of the frames; compiled once for data of one kind."""
+    collected, made = _collecting(smoother, collect)
+    kind = abstract_signature(given)
+    if kind not in made:
+        made[kind] = compile_smoother(collected.lower(*given), given[1].log_weights[0].size, closed_form=True)
+    result: tuple[Array, Any] = made[kind](*given)
+    return result
+
+
 @memoized_builder
-def _collecting(smoother: Smoother, collect: Collect) -> Any:
-    """A jitted function that lets the collector see one frame after another, and tells whether all are finite.
+def _collecting(smoother: Smoother, collect: Collect) -> tuple[Any, dict[Any, Any]]:
+    """A jitted function that lets the collector see one frame after another, and what was compiled of it.
+
+    It returns besides whether all states are finite.
 
     Trajectories count as one chain, and stay whole.
     Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
@@ -188,4 +215,4 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
         outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
         return is_finite(smoothed, smoother.model), outputs
 
-    return jit_lightly(collected)
+    return jit(collected), {}

@@ -21,14 +21,12 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import Method
-from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import prepend, tree_index
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.smoothers.base import History, Smoothed, Smoother
-from poseppl.smoothers.effective import smoothed_draws
-from poseppl.smoothers.rauch_tung_striebel import ForwardPass, backward_moments, draw_backwards, predict_with_gain
+from poseppl.smoothers.base import History, Smoother
+from poseppl.smoothers.rauch_tung_striebel import ForwardPass, gaussian_smoother, predict_with_gain
 
 
 @memoized_builder
@@ -47,14 +45,10 @@ def assumed_density_smoother(model: CompiledModel, *, num_draws: int = 1000, lin
     check_at_least(1, num_draws=num_draws)
     check_choice(Method, linearisation=linearisation)
 
-    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
-        forward = _forward(model, history, inputs, linearisation)
-        particles = draw_backwards(rng_key, forward, num_draws)
-        smoothed = backward_moments(forward)
-        marginals = gaussian_marginals(smoothed.mean, smoothed.covariance)
-        return smoothed_draws(particles, marginals, num_transition=float(len(particles)))
+    def forward(history: History, observations: Observation, inputs: Any) -> ForwardPass:
+        return _forward(model, history, inputs, linearisation)
 
-    return Smoother(smooth, joint=True, closed_form=True)
+    return gaussian_smoother(forward, num_draws, evaluations=(1.0, 0.0))
 
 
 def _forward(model: CompiledModel, history: History, inputs: Any, method: Method) -> ForwardPass:

@@ -18,6 +18,7 @@ from jax import Array
 
 from poseppl.compilation import with_full_precision
 from poseppl.filters.base import FilterInfo, check_noise
+from poseppl.gaussians.gaussian import RootGaussian
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -76,6 +77,29 @@ class Smoothed(NamedTuple):
     marginals: Marginals | None = None
 
 
+class GaussianPasses(NamedTuple):
+    """The smoothed Gaussians of T frames, and how trajectories are drawn from the last frame back.
+
+    Given the state x_(t+1) of the next frame, that of frame t is N(means_t + gains_(t+1) (x_(t+1) - predicted_(t+1)),
+    roots_t roots_t^T); that of the last frame is N(means_T, roots_T roots_T^T).
+
+    Attributes:
+        smoothed: Means (T, d), and roots (T, d, d) of the covariances.
+        means: Means of the filter (T, d).
+        predicted: Means of the predictions (T, d).
+        gains: Matrices (T, d, d), 0 at the first frame.
+        roots: Roots of the covariances (T, d, d).
+        info: Diagnosis.
+    """
+
+    smoothed: RootGaussian
+    means: Array
+    predicted: Array
+    gains: Array
+    roots: Array
+    info: SmoothingInfo
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Smoother:
     """A smoothing algorithm for one model; what was compiled for it is kept with it.
@@ -88,6 +112,9 @@ class Smoother:
         reweighs: Whether it draws nothing and gives the filter's particles new weights, which are exact where these are all
             values of the state.
         is_optimizer: Whether it returns only the most probable trajectory, whose standard deviations mean nothing.
+        reads_particles: Whether it starts from the filter's states, rather than from the data alone.
+        passes: `(history, observations, inputs) -> passes` of a smoother of Gaussians, whose draws need no compiled program.
+        num_draws: How many trajectories such a smoother draws.
         model: The model; None for a smoother whose builder is not decorated with
             :func:`~poseppl.program.memoized_builder.memoized_builder`, which sets it.
     """
@@ -98,6 +125,9 @@ class Smoother:
     closed_form: bool = False
     reweighs: bool = False
     is_optimizer: bool = False
+    reads_particles: bool = True
+    passes: Callable[[History, Observation, Any], GaussianPasses] | None = None
+    num_draws: int = 0
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:

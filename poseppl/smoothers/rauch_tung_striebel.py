@@ -14,6 +14,7 @@ Sarkka 2017, doi:10.1109/TAC.2016.2592681).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -29,8 +30,7 @@ from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import append, prepend, split_first, tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.smoothers.base import History, Smoothed, Smoother
-from poseppl.smoothers.effective import smoothed_draws
+from poseppl.smoothers.base import GaussianPasses, History, Smoothed, Smoother, smoothing_info
 
 
 @memoized_builder
@@ -51,15 +51,45 @@ def rauch_tung_striebel_smoother(
     check_at_least(1, num_draws=num_draws, num_iterations=num_iterations)
     check_choice(Method, linearisation=linearisation)
 
-    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
-        forward = _passes(model, observations, inputs, linearisation, num_iterations)
-        particles = draw_backwards(rng_key, forward, num_draws)
-        num_frames = len(particles)
-        smoothed = backward_moments(forward)
-        marginals = gaussian_marginals(smoothed.mean, smoothed.covariance)
-        return smoothed_draws(particles, marginals, num_transition=float(num_frames), num_gradient=2.0 * num_frames)
+    def forward(history: History, observations: Observation, inputs: Any) -> ForwardPass:
+        return _passes(model, observations, inputs, linearisation, num_iterations)
 
-    return Smoother(smooth, joint=True, closed_form=True)
+    return gaussian_smoother(forward, num_draws, evaluations=(1.0, 2.0), reads_particles=False)
+
+
+def gaussian_smoother(
+    forward: Callable[[History, Observation, Any], ForwardPass],
+    num_draws: int,
+    *,
+    evaluations: tuple[float, float],
+    reads_particles: bool = True,
+) -> Smoother:
+    """The smoother of a forward pass: its backward pass and draws of trajectories.
+
+    Args:
+        forward: `(history, observations, inputs) -> forward pass`.
+        num_draws: Trajectories to draw.
+        evaluations: Of the transition and of a frame's gradient, for each frame.
+        reads_particles: Whether the forward pass reads the history.
+    """
+
+    def passes(history: History, observations: Observation, inputs: Any) -> GaussianPasses:
+        found = forward(history, observations, inputs)
+        means, num_frames = found.filtered.mean, len(found.predicted)
+        roots = append(found.left[1:], _root(tree_index(found.filtered, -1)))
+        counts = dict(zip(("num_transition", "num_gradient"), (each * num_frames for each in evaluations), strict=True))
+        info = smoothing_info(num_frames, jnp.asarray(num_draws), **counts)
+        return GaussianPasses(backward_moments(found), means, found.predicted, found.gains, roots, info)
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        found = passes(history, observations, inputs)
+        particles = draw_backwards(rng_key, found, num_draws)
+        log_weights = jnp.full(particles.shape[:2], -jnp.log(num_draws), particles.dtype)
+        marginals = gaussian_marginals(found.smoothed.mean, found.smoothed.covariance)
+        return Smoothed(particles, log_weights, found.info, marginals)
+
+    more = {"passes": with_full_precision(passes), "num_draws": num_draws, "reads_particles": reads_particles}
+    return Smoother(smooth, joint=True, closed_form=True, **more)  # type: ignore[arg-type]
 
 
 @with_full_precision
@@ -163,16 +193,16 @@ def predict_with_gain(
     return predict(filtered, linear), gain, joint[size:, size:]
 
 
-def draw_backwards(rng_key: Array, forward: ForwardPass, num_draws: int) -> Array:
+def draw_backwards(rng_key: Array, passes: GaussianPasses, num_draws: int) -> Array:
     """Draw trajectories (T, N, d)."""
-    means, roots = forward.filtered.mean, append(forward.left[1:], _root(tree_index(forward.filtered, -1)))
+    means = passes.means
     noise = jax.random.normal(rng_key, (len(means), num_draws, means.shape[1]), means.dtype)
-    moved = means[:, None] + noise @ jnp.swapaxes(roots, 1, 2)
+    moved = means[:, None] + noise @ jnp.swapaxes(passes.roots, 1, 2)
 
     def back(later: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         free, mean, gain = row
         draws = free + (later - mean) @ gain.T
         return draws, draws
 
-    _, draws = jax.lax.scan(back, moved[-1], (moved[:-1], forward.predicted[1:], forward.gains[1:]), reverse=True)
+    _, draws = jax.lax.scan(back, moved[-1], (moved[:-1], passes.predicted[1:], passes.gains[1:]), reverse=True)
     return append(draws, moved[-1])

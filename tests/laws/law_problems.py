@@ -140,11 +140,8 @@ def runs_of(filter_, model):
     def one(rng_key, mistakes, observations, inputs, centres):
         inputs = jax.tree.map(lambda leaf: jnp.roll(leaf, mistakes.late_inputs, axis=0), inputs)
         states, infos = run(mistaken(filter_, model, mistakes), rng_key, observations, inputs)
-        told = states._replace(
-            particles=jnp.roll(states.particles, mistakes.late_states, axis=0),
-            log_weights=jnp.roll(states.log_weights, mistakes.late_states, axis=0),
-        )
-        return *moments(told, centres), jnp.roll(infos.log_evidence, mistakes.late_evidence)
+        shifted = jax.tree.map(lambda leaf: jnp.roll(leaf, mistakes.late_states, axis=0), states)
+        return *moments(shifted, centres), jnp.roll(infos.log_evidence, mistakes.late_evidence)
 
     return jax.jit(lambda keys, *posed: jax.lax.map(lambda key: one(key, *posed), keys))
 

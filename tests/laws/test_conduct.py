@@ -44,8 +44,9 @@ def test_state_and_info_keep_their_shapes(row):
     assert first == second
     state, info = first
     assert isinstance(info, FilterInfo)
-    assert state.particles.shape[-1] == posed.model.dimension
-    assert state.log_weights.shape == state.particles.shape[:-1]
+    particles = jax.eval_shape(lambda state: state.particles, state)
+    assert particles.shape[-1] == posed.model.dimension
+    assert state.log_weights.shape == particles.shape[:-1]
     assert not any(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) for leaf in jax.tree.leaves(state))
     assert info.ancestors.dtype == jnp.int32
     assert info.ancestors.ndim == 1

@@ -88,7 +88,8 @@ def body_result(
     groups = {"body": xr.Dataset(skeleton, attrs={"root": root} if root else {})}
     lenses = {name: values for name, values in (cameras or {}).items() if values is not None}
     if lenses:
-        groups["camera"] = labelled(lenses, ("camera",), {"camera": np.array(names.camera, str)} if names.camera else {})
+        numbered = xr.Coordinates({"camera": np.array(names.camera, str)} if names.camera else {})
+        groups["camera"] = labelled(lenses, ("camera",), numbered)
     return build_result(
         names=Names(names.state_dim, along={dim: list(given) for dim, given in along.items()}, dims=_DIMS),
         extras=extras,

@@ -1,0 +1,119 @@
+"""What a collector keeps of frames whose posterior is one Gaussian: its moments from the compiled program, the rest by NumPy.
+
+Where the model has no extras and its sites are the flat state itself, draws and summaries are formulas of a mean and a root of
+the covariance. NumPy has them sooner than XLA compiles a program for them (``python -m benchmarks.first_result``). The noise
+of frame t is made from the key of its collector, so that draws do not depend on how the frames of a run are split.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian, semidefinite_root
+from poseppl.program import CompiledModel
+from poseppl.smoothers.base import GaussianPasses
+
+Floats = NDArray[Any]
+
+
+class GaussianFrames(NamedTuple):
+    """Gaussians of T frames: means (T, d), lower triangular roots of the covariances (T, d, d), and data of keys (T, 2)."""
+
+    mean: Any
+    root: Any
+    noise: Any
+
+
+class Draws(NamedTuple):
+    """Draws kept of a frame; of a sequence, with a leading T.
+
+    Attributes:
+        state: Draws of the flat state (chains, draws, d).
+        sites: Draws of the state's sites by name, as the programs know them, (chains, draws, ...).
+        extras: Draws of the extras by name (chains, draws, ...).
+        summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of sites and extras, by name; of a
+            site of finitely many values ``NAME_probability`` (..., values) instead.
+    """
+
+    state: Any
+    sites: dict[str, Any]
+    extras: dict[str, Any]
+    summary: dict[str, Any]
+
+
+class GaussianCollector(NamedTuple):
+    """Collects draws of Gaussian posteriors.
+
+    Attributes:
+        model: The model.
+        max_draws: Draws of a frame.
+        levels: Levels of the quantiles (Q,).
+        extras: `(x, inputs) -> values by name`; the collector serves where there are none.
+    """
+
+    model: CompiledModel
+    max_draws: int
+    levels: Floats
+    extras: Callable[[Any, Any], Mapping[str, Any]]
+
+    def serves(self, inputs: Any) -> bool:
+        """Whether the flat state is all that a result has of this model, given the inputs of one frame or their shapes."""
+        plain = all(site.identity and not site.discrete for site in self.model.sites.values())
+        return plain and not jax.eval_shape(self.extras, jnp.zeros(self.model.dimension), inputs)
+
+    def keep(self, rng_key: Array, state: Any) -> GaussianFrames | None:
+        """What the compiled program keeps of a frame; None of a state that is no Gaussian."""
+        posterior = getattr(state, "posterior", None)
+        if not isinstance(posterior, Gaussian | RootGaussian):
+            return None
+        root = posterior.scale if isinstance(posterior, RootGaussian) else semidefinite_root(posterior.covariance)
+        return GaussianFrames(posterior.mean, root, jax.random.key_data(rng_key)[:2])
+
+    def draw(self, frames: GaussianFrames) -> Draws:
+        """Independent draws of each frame, and its summary."""
+        mean, root = np.asarray(frames.mean), np.asarray(frames.root)
+        shape = self.max_draws, mean.shape[-1]
+        noise = [_generator(key).standard_normal(shape, mean.dtype) for key in np.asarray(frames.noise)]
+        draws = mean[:, None] + np.reshape(noise, (-1, *shape)) @ np.swapaxes(root, 1, 2)
+        return self.of_draws(draws, mean, np.sqrt(np.sum(root**2, -1)))
+
+    def draw_backwards(self, rng_key: Array, passes: GaussianPasses, num_draws: int) -> Draws:
+        """Trajectories, and the summary of the smoothed Gaussians."""
+        arrays: Any = jax.tree.map(np.asarray, passes)
+        means, gains = arrays.means, np.swapaxes(arrays.gains, 1, 2)
+        generator = _generator(np.asarray(jax.random.key_data(rng_key)))
+        noise = generator.standard_normal((len(means), num_draws, means.shape[1]), means.dtype)
+        draws = means[:, None] + noise @ np.swapaxes(arrays.roots, 1, 2)
+        for t in range(len(means) - 1, 0, -1):
+            draws[t - 1] += (draws[t] - arrays.predicted[t]) @ gains[t]
+        every = -(-num_draws // self.max_draws)
+        mean, root = arrays.smoothed
+        return self.of_draws(draws[:, (num_draws - 1) % every :: every], mean, np.sqrt(np.sum(root**2, -1)))
+
+    def of_draws(self, draws: Floats, mean: Floats, deviation: Floats) -> Draws:
+        """Draws (T, N, d) with the summary of Gaussians of such means and standard deviations (T, d)."""
+        state = draws[:, None]
+        apart = np.array([NormalDist().inv_cdf(level) if 0 < level < 1 else np.inf * (level - 0.5) for level in self.levels])
+        quantile = (mean[:, None] + apart[:, None] * deviation[:, None]).astype(mean.dtype)
+        flat = {"state_mean": mean, "state_sd": deviation, "state_quantile": quantile}
+        sites, summary = {}, dict(flat)
+        for name, site in self.model.sites.items():
+            part = slice(site.offset, site.offset + site.size)
+            sites[name] = state[..., part].reshape(*state.shape[:-1], *site.shape)
+            if name != "state":
+                parts = {f"{name}_{key.removeprefix('state_')}": value[..., part] for key, value in flat.items()}
+                summary |= {key: value.reshape(*value.shape[:-1], *site.shape) for key, value in parts.items()}
+        return Draws(state, sites, {}, summary)
+
+
+def _generator(key: NDArray[np.uint32]) -> np.random.Generator:
+    """NumPy's generator of the data of a key."""
+    return np.random.Generator(np.random.Philox(key=int(key[0]) << 32 | int(key[1])))
