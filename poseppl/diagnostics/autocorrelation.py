@@ -10,11 +10,20 @@ Chains lie in axis 0 and draws in axis 1; everything behind them (frames, degree
 
 from __future__ import annotations
 
+from functools import cache
+from importlib import import_module
+from typing import Any
+
 import numpy as np
-from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Booleans, Floats
+
+
+@cache
+def array_stats() -> Any:
+    """ArviZ's functions of arrays. Importing them takes half a second, so it waits for their first use."""
+    return import_module("arviz_stats.base").array_stats
 
 
 def autocovariance(draws: Floats) -> Floats:
@@ -35,7 +44,7 @@ def autocovariance(draws: Floats) -> Floats:
     sums = np.cumsum(draws - own, axis=1)
     first = np.concatenate([np.zeros_like(own), sums[:, :-1]], axis=1)
     share = 1 - np.arange(length).reshape(1, -1, *[1] * (draws.ndim - 2)) / length
-    return np.asarray(array_stats.autocov(draws, axis=1) + delta * (sums[:, ::-1] - first) / length + share * delta**2)
+    return np.asarray(array_stats().autocov(draws, axis=1) + delta * (sums[:, ::-1] - first) / length + share * delta**2)
 
 
 def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Booleans, Floats
+from poseppl.diagnostics.autocorrelation import array_stats
 from poseppl.diagnostics.batches import Interval, mean_interval, num_batches
 from poseppl.errors import InputError
 from poseppl.runs.contents import flat_draws, group_of
@@ -55,7 +55,7 @@ def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> Boolean
     Returns:
         (frame, ...).
     """
-    interval = array_stats.eti(np.asarray(draws), level, axis=(0, 1))
+    interval = array_stats().eti(np.asarray(draws), level, axis=(0, 1))
     return between(interval[..., 0], interval[..., 1], truth)
 
 

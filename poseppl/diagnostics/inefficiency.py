@@ -29,11 +29,10 @@ from typing import Any, NamedTuple, Protocol, overload
 
 import numpy as np
 import xarray as xr
-from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.diagnostics.autocorrelation import autocorrelation, is_constant
+from poseppl.diagnostics.autocorrelation import array_stats, autocorrelation, is_constant
 
 MIN_DRAWS = 4
 WINDOW = 5.0
@@ -184,7 +183,7 @@ def _split(values: Floats) -> Floats:
 def _geyer_autocorrelation(halves: Floats) -> Floats:
     """Autocorrelation (lag, ...) from the variances within and between chains; zero where nothing varies."""
     chains, length = halves.shape[:2]
-    covariance = array_stats.autocov(halves, axis=1).mean(axis=0)
+    covariance = array_stats().autocov(halves, axis=1).mean(axis=0)
     within = covariance[0] * length / (length - 1)
     total = covariance[0].copy()
     if chains > 1:

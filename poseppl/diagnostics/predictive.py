@@ -36,7 +36,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, norm
+import scipy
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
@@ -106,7 +106,7 @@ def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
 
 def implied_coverage(inflation: float) -> float:
     """Coverage of 90 % intervals of a Gaussian whose true variance is so many times the claimed one."""
-    return float(2 * norm.cdf(norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
+    return float(2 * scipy.stats.norm.cdf(scipy.stats.norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
 
 
 def farthest_stretch(prediction: DataPrediction) -> tuple[int, int]:
@@ -129,7 +129,7 @@ def _chance(ranks: Floats) -> float:
     """Upper tail of Fisher's sum."""
     if not len(ranks):
         return float("nan")
-    return float(chi2.sf(2 * _surprise(ranks).sum(), 2 * len(ranks)))
+    return float(scipy.stats.chi2.sf(2 * _surprise(ranks).sum(), 2 * len(ranks)))
 
 
 def _one_more(interval: Interval) -> Interval:

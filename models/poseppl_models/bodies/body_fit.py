@@ -22,9 +22,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
@@ -117,7 +117,7 @@ def _solver(body: ConeBody, index: NDArray[np.int_]) -> Callable[[Floats, Floats
     value, jacobian = jit(residuals), jit(jax.jacrev(residuals))
 
     def solve(target: Floats, guess: Floats, before: Floats) -> tuple[Floats, float]:
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             lambda x: np.asarray(value(x, target, before), np.float64),
             np.clip(guess, low + 1e-6, high - 1e-6),
             jac=lambda x: np.asarray(jacobian(x, target, before), np.float64),

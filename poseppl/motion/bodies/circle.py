@@ -19,7 +19,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
@@ -138,4 +138,4 @@ def _smoothed(values: Floats, rate: float) -> Floats:
     """Values (T,) by straight lines fitted around each frame."""
     window = min(round(rate * SMOOTHED), len(values))
     window -= 1 - window % 2
-    return values if window < 3 else np.asarray(savgol_filter(values, window, 1))
+    return values if window < 3 else np.asarray(scipy.signal.savgol_filter(values, window, 1))

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from poseppl.arrays import Floats
 from poseppl.checks import check_at_least
@@ -83,7 +83,11 @@ def fit_gait(states: ArrayLike, rate: float, num_harmonics: int = 4) -> Gait:
     costs = [_fit(values, seconds, period, num_harmonics)[1] for period in grid]
     best = int(np.argmin(costs))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    found = minimize_scalar(lambda period: _fit(values, seconds, period, num_harmonics)[1], bounds=bounds, method="bounded")
+
+    def error(period: float) -> float:
+        return float(_fit(values, seconds, period, num_harmonics)[1])
+
+    found = scipy.optimize.minimize_scalar(error, bounds=bounds, method="bounded")
     gait, _ = _fit(values, seconds, float(found.x), num_harmonics)
     gait.mean[:2] = 0.0
     return gait

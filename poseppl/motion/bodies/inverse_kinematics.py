@@ -24,9 +24,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.compilation import double_precision, jit
@@ -106,7 +106,7 @@ def _solver(tree: KinematicTree) -> Solver:
     def solve(target: Floats, guess: Floats, anchor: Floats, pull: Floats) -> tuple[Floats, float]:
         seen = np.isfinite(target).all(-1, keepdims=True)
         arguments = (np.where(seen, target, 0.0), seen.astype(float), anchor, pull)
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             lambda x, *args: np.asarray(residuals(x, *args)),
             guess,
             jac=lambda x, *args: np.asarray(jacobian(x, *args)),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, project
@@ -38,7 +38,7 @@ def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErr
     projected = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
     count = np.maximum(np.isfinite(points).all(-1).sum(1), 2)
     share, freedom = 2 - 3 / count, (2 - 3 / count) ** 2 / ((1 - 1 / count) ** 2 + (1 - 2 / count) ** 2)
-    unit = share * chi2.median(freedom) / freedom
+    unit = share * scipy.stats.chi2.median(freedom) / freedom
     residual = np.where(np.isfinite(places)[:, None, :, :1], points - projected, np.nan)
     squared = np.sum(residual**2, -1) / unit[:, None]
     scale, bias = np.full(points.shape[1], np.nan), np.zeros((points.shape[1], 2))

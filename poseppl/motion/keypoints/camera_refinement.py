@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
@@ -89,7 +89,9 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
         steps = _STEP * np.eye(flat.size)
         return np.stack([(residuals(flat + step) - residuals(flat - step)) / (2 * _STEP) for step in steps], -1)
 
-    found = least_squares(residuals, np.zeros(6 * count), jac=derivative, method="trf", xtol=1e-4, ftol=1e-5, max_nfev=20)
+    found = scipy.optimize.least_squares(
+        residuals, np.zeros(6 * count), jac=derivative, method="trf", xtol=1e-4, ftol=1e-5, max_nfev=20
+    )
     unit = np.tile(scale, count)
     told, eye = found.jac.T @ found.jac - np.eye(found.x.size), np.eye(found.x.size)
     squared = (PRIOR_WEIGHT + found.x @ found.x) / (PRIOR_WEIGHT + np.trace(told @ np.linalg.inv(told + eye)))

@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import expit, logit
-from scipy.stats import norm, t
+from scipy.special import expit, logit, ndtri, stdtrit
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
@@ -26,7 +25,7 @@ from poseppl.motion.points.named_points import MAX_SURE, MIN_SURE
 
 FREEDOM = 4.0
 """Degrees of freedom of the errors; ours."""
-GAUSSIAN = float(t.ppf(0.75, FREEDOM) / norm.ppf(0.75))
+GAUSSIAN = float(stdtrit(FREEDOM, 0.75) / ndtri(0.75))
 """Standard deviation of a Gaussian, in scales of the Student-t that has the same quartiles."""
 
 

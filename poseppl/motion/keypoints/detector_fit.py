@@ -13,8 +13,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
-from scipy.optimize import minimize
 from scipy.special import expit
 
 from poseppl.arrays import Floats
@@ -65,7 +65,7 @@ def fit_detector(seen: SeenPoints, markers: Sequence[str], source: str, seed: in
         for _ in range(NUM_ROUNDS):
             scale = np.asarray(_scale_and_odds(_params(v), seen)[0])
             drawn = draw_places(seen, scale, rng)
-            v = minimize(_loss, v, (drawn, seen, seen.seen), jac=True, method="L-BFGS-B", tol=1e-7).x
+            v = scipy.optimize.minimize(_loss, v, (drawn, seen, seen.seen), jac=True, method="L-BFGS-B", tol=1e-7).x
     found = _params(v)
     counts = np.bincount(seen.marker, seen.seen.sum(1), len(markers)).astype(int)
     return DetectorErrors(

@@ -18,11 +18,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from jax.nn import log_sigmoid
 from jax.scipy.special import logsumexp as jax_logsumexp
 from scipy.special import expit, gammaln, logsumexp
-from scipy.stats import t
 
 from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.motion.geometry import Cameras, project
@@ -175,6 +175,6 @@ def probabilities(drawn: DrawnPlaces, scale: Floats, odds: Floats, seen: SeenPoi
     each = np.asarray(log_densities(drawn, jnp.asarray(scale), jnp.asarray(odds), seen.seen, seen.sizes), np.float64)
     others = (each.sum(-1) + drawn.log_weight)[..., None] - each
     weight = np.exp(others - logsumexp(others, 1, keepdims=True))
-    inside = np.einsum("nsc,nsci->nci", weight, t.cdf(drawn.offset / scale[:, None, :, None], FREEDOM))
+    inside = np.einsum("nsc,nsci->nci", weight, scipy.stats.t.cdf(drawn.offset / scale[:, None, :, None], FREEDOM))
     clutter = expit(odds)[..., None]
     return np.asarray((1 - clutter) * inside + clutter * np.clip(seen.points / seen.sizes, 0.0, 1.0))

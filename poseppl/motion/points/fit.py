@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from poseppl.arrays import Floats, Integers
 from poseppl.compilation import jit
@@ -136,7 +136,7 @@ class _Ascent:
             states = self.mode(v, states)
             bounds = np.clip([v - _REACH, v + _REACH], -_FARTHEST, _FARTHEST).T
             options = {"maxiter": num_steps}
-            v = minimize(self.loss, v, states, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+            v = scipy.optimize.minimize(self.loss, v, states, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
         return np.asarray(v)
 
     def draws(self, v: Floats, count: int, seed: int) -> Floats:

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from scipy.special import expit, log_expit, logsumexp
-from scipy.stats import multivariate_t
 
 from poseppl.arrays import Floats
 from poseppl.motion.points.named_points import FREEDOM
@@ -59,7 +59,7 @@ class SeenPoints(NamedTuple):
         """Log-densities (T, C, n) of points that are what they are said to be, and of clutter, each with its share."""
         scale, odds = self.scales[..., index], self.clutter[..., index]
         white = np.nan_to_num((points - self.images[..., index, :]) / scale[..., None])
-        peak = multivariate_t(np.zeros(2), np.eye(2), FREEDOM).logpdf(white.reshape(-1, 2)).reshape(scale.shape)
+        peak = scipy.stats.multivariate_t(np.zeros(2), np.eye(2), FREEDOM).logpdf(white.reshape(-1, 2)).reshape(scale.shape)
         return log_expit(-odds) + peak - 2 * np.log(scale), log_expit(odds) - np.log(self.sizes).sum(-1)[:, None]
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
-from scipy.optimize import least_squares
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
@@ -119,7 +119,7 @@ class _Search:
         state = guess
         for wider in _WIDER:
             data = _data(self._scene.data, frame)._replace(wider=jnp.asarray(wider, float))
-            solution = least_squares(
+            solution = scipy.optimize.least_squares(
                 lambda x, data=data: np.asarray(self._evaluate(x, data), np.float64),
                 state,
                 jac=lambda x, data=data: np.asarray(self._derive(x, data), np.float64),

@@ -15,9 +15,9 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.stats import norm
 
 from poseppl.arrays import Floats
 from poseppl.program import CompiledModel
@@ -39,7 +39,7 @@ def stature_draws(assumed: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """
     mean, deviation = np.asarray(assumed, np.float64)
     count = int(np.prod(shape))
-    even = norm.ppf((np.arange(count) + 0.5) / count)
+    even = scipy.stats.norm.ppf((np.arange(count) + 0.5) / count)
     return np.asarray(mean + deviation * np.random.default_rng(0).permutation(even).reshape(shape))
 
 

@@ -20,8 +20,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
-from scipy.optimize import minimize
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
@@ -95,7 +95,7 @@ def _minimum(loss: Any, places: Floats) -> Floats:
         value, gradient = loss(jnp.asarray(values.reshape(places.shape), float))
         return float(value), np.asarray(gradient, np.float64).ravel()
 
-    found: Floats = minimize(flat, places.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": NUM_STEPS}).x
+    found: Floats = scipy.optimize.minimize(flat, places.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": NUM_STEPS}).x
     return found.reshape(places.shape)
 
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import Array
-from scipy.optimize import least_squares
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.compilation import jit_lightly
@@ -126,7 +126,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     weights = seen / noise[..., None]
     given = body.tree, cameras, shape, weights, search.rest, search.free
     solve = partial(
-        least_squares,
+        scipy.optimize.least_squares,
         lambda x: np.asarray(_residuals(x, *given), np.float64),
         jac=lambda x: np.asarray(_derivatives(x, *given), np.float64),
         x_scale=search.x_scale,
