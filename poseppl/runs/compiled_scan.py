@@ -99,17 +99,17 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
 
 
 @memoized_builder
-def collect_kept(filter: Filter, collect: Collect, keep: bool, moments: bool = False) -> Collect:
+def collect_kept(filter: Filter, collect: Collect, keep: bool, lean: bool = False) -> Collect:
     """Keep of a frame :class:`StepOutput`, with or without the filter's history.
 
-    With `moments`, outputs may be the moments of a Gaussian, of which :class:`GaussianCollector` makes draws.
+    With `lean`, outputs may be the moments of a Gaussian, of which :class:`GaussianCollector` makes draws.
     """
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None) if moments else None
+    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None) if lean else None
 
     def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
         history = history_of_frame(filter, state, info) if keep else None
-        outputs = gaussian.keep(rng_key, state) if gaussian and gaussian.serves(inputs) else None
-        outputs = outputs or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
+        moments = gaussian.keep(rng_key, state, inputs) if gaussian else None
+        outputs = moments or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
         told = collect_info(rng_key, state, info, inputs)
         return StepOutput(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
@@ -161,7 +161,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     tell_filter_defined_anew(filter)
     warn_recompilation(filter, "collector", collect)
     warn_recompilation(filter, "predictive check", predict)
-    advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep, moments=True), predict)
+    advance = frame_program(filter, layout.join, collect_kept(filter, collect, keep, lean=True), predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(rng_key: Array, start: Start, frame: Frame, constant: list[Any]) -> tuple[Any, StepOutput]:

@@ -69,10 +69,10 @@ class GaussianCollector(NamedTuple):
         plain = all(site.identity and not site.discrete for site in self.model.sites.values())
         return plain and not jax.eval_shape(self.extras, jnp.zeros(self.model.dimension), inputs)
 
-    def keep(self, rng_key: Array, state: Any) -> GaussianFrames | None:
-        """What the compiled program keeps of a frame; None of a state that is no Gaussian."""
+    def keep(self, rng_key: Array, state: Any, inputs: Any) -> GaussianFrames | None:
+        """What the compiled program keeps of a frame; None of what is more than a Gaussian."""
         posterior = getattr(state, "posterior", None)
-        if not isinstance(posterior, Gaussian | RootGaussian):
+        if not isinstance(posterior, Gaussian | RootGaussian) or not self.serves(inputs):
             return None
         root = posterior.scale if isinstance(posterior, RootGaussian) else semidefinite_root(posterior.covariance)
         return GaussianFrames(posterior.mean, root, jax.random.key_data(rng_key)[:2])
