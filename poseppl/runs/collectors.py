@@ -37,7 +37,9 @@ Extras = Callable[[Array, Any], Mapping[str, Array]]
 _DIMENSIONS = ("chain", "draw", "frame", "series", "state_dim", "quantile")
 """Of results, beside those of sites."""
 _NUM_QUANTILE_DRAWS = 2000
-"""Weighted particles are resampled to so many draws for their quantiles: a standard error of 1 % of a probability."""
+"""Weighted particles are resampled to so many draws at most for their quantiles: a standard error of 1 % of a probability."""
+_COPIES = 4
+"""Draws for the quantiles of a few particles, for each of them: a quarter of a particle's probability."""
 
 
 @memoized_builder
@@ -103,7 +105,7 @@ def collect_draws(
         # particles of no weight may hold anything
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
-        numbers = (_NUM_QUANTILE_DRAWS, max_draws)
+        numbers = (min(_NUM_QUANTILE_DRAWS, _COPIES * len(states)), max_draws)
         exact, keys = getattr(state, "marginals", None), jax.random.split(rng_key)
         if exact is None or len(values) > 1:
             chosen, thinned = systematic_draws(keys, log_weights, numbers)
