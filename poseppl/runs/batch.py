@@ -32,7 +32,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.compiled_scan import StepOutput, collect_kept
+from poseppl.runs.compiled_scan import StepOutput, collect_kept, with_draws
 from poseppl.runs.contents import FLAT, HISTORY
 from poseppl.runs.filter_history import (
     HISTORY_AXES,
@@ -43,6 +43,7 @@ from poseppl.runs.filter_history import (
     no_room,
 )
 from poseppl.runs.frame_sequence import Constant
+from poseppl.runs.gaussian_draws import key_data
 from poseppl.runs.infer import filter_of
 from poseppl.runs.labels import Names, checked, coordinates, labelled, labelled_summary
 from poseppl.runs.model_fingerprint import fingerprint_of
@@ -109,7 +110,8 @@ def infer_batch(
     keys = jax.vmap(jax.random.fold_in, (None, 0))(rng_key, jnp.arange(number))
     note = progress.note if progress else _LOGGER.warning
     keep = _has_room(built, (keys, observations, rows), number * frames, history_mib, note)
-    series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect, keep)
+    collect = collect_draws(model, max_draws=_DRAWS) if collect is None else collect
+    series = _series_program(built, collect, keep)
     parts = []
     size = -(-number // -(-number // chunk))
     for start in range(0, number, size):
@@ -119,6 +121,7 @@ def infer_batch(
         if progress:
             progress.advance(min(size, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    whole = with_draws(collect, whole, key_data(keys))
     failures = list(_failures(whole, ends, called))
     for text in failures:
         note(text)
@@ -162,7 +165,9 @@ def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
     """`(keys, observations, inputs) -> StepOutput`, each (S, T, ...), of a chunk of series."""
 
     def of_series(key: Array, observations: Observation, inputs: Any) -> StepOutput:
-        kept: StepOutput = scan_filter(filter, key, observations, inputs, collect=collect_kept(filter, collect, keep)).outputs
+        kept: StepOutput = scan_filter(
+            filter, key, observations, inputs, collect=collect_kept(filter, collect, keep, lean=True)
+        ).outputs
         return kept._replace(unique_ancestors=None)  # which a batch does not report, and need not compute
 
     return jit(jax.vmap(of_series))

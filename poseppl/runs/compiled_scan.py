@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
 from poseppl.filters.base import Filter, FilterInfo, FilterState
@@ -38,7 +39,7 @@ from poseppl.program.large_integers import are_exact
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
-from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames
+from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames, key_data
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
 
@@ -108,12 +109,20 @@ def collect_kept(filter: Filter, collect: Collect, keep: bool, lean: bool = Fals
 
     def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
         history = history_of_frame(filter, state, info) if keep else None
-        moments = gaussian.keep(rng_key, state, inputs) if gaussian else None
+        moments = gaussian.keep(state, inputs) if gaussian else None
         outputs = moments or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
         told = collect_info(rng_key, state, info, inputs)
         return StepOutput(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
     return collect_all
+
+
+def with_draws(collect: Collect, kept: StepOutput, key: NDArray[np.uint32], start: int = 0) -> StepOutput:
+    """What was kept of frames from `start` on, with draws in place of Gaussians; the key's data as of one run or of series."""
+    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
+    if gaussian is None or not isinstance(kept.outputs, GaussianFrames):
+        return kept
+    return kept._replace(outputs=gaussian.draw(kept.outputs, key, start))
 
 
 def _num_unique(ancestors: Any) -> Any:
@@ -217,7 +226,7 @@ class CompiledRun:
         history_bytes: float = 0,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
-        self._gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
+        self._collect = collect
         self._keys: Any = None
         self._keys_from = -_LONG
         self._starting = _start_program(filter, sequence.layout)
@@ -264,13 +273,7 @@ class CompiledRun:
             state, frames = _on_host(self._scan(*self._scan_data(before, first, end)), end - first)
             before = before._replace(state=state)
             kept.append(frames)
-        return state, self._with_draws(joined(kept))
-
-    def _with_draws(self, kept: StepOutput) -> StepOutput:
-        """Draws in place of the Gaussians of frames."""
-        if self._gaussian is None or not isinstance(kept.outputs, GaussianFrames):
-            return kept
-        return kept._replace(outputs=self._gaussian.draw(kept.outputs))
+        return state, with_draws(self._collect, joined(kept), key_data(self._rng_key), start)
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """What an earlier run on data of the same kind made, or what is made now."""
@@ -292,7 +295,7 @@ class CompiledRun:
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
         blank = jax.tree.map(lambda x: np.zeros((1, *x.shape), x.dtype), kept)
         state, begun = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, start.info))
-        return state, begun, tree_index(self._with_draws(blank), 0)
+        return state, begun, tree_index(with_draws(self._collect, blank, key_data(self._rng_key)), 0)
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, tree_index(self._frames(0, 1), 0), self._sequence.constant
