@@ -9,7 +9,7 @@ XLA's fusion emitters for the CPU take a third of the time that compilation take
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
 optimisation makes runs as fast as its third, and takes less time (`python -m benchmarks.first_result --levels`). What runs once
-a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas (`python
+a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas, or of few numbers (`python
 benchmarks/compile_times.py` prints what they take to compile and to run). With JAX's option `jax_disable_most_optimizations`
 every program has level 0, whatever is chosen here: the tests compile in half of the time with it.
 
@@ -83,9 +83,10 @@ def jit_lightly(function: Callable[..., Any], **options: Any) -> jax.stages.Wrap
     return jit(function, compiler_options=_admitted({_LEVEL: 1}), **options)
 
 
-def compile_smoother(lowered: Any, num_particles: int, closed_form: bool) -> Any:
+def compile_smoother(lowered: Any, num_particles: int, num_numbers: int, closed_form: bool) -> Any:
     """The program of a smoother, which may be a formula."""
-    return _compiled(lowered, _emitters(num_particles, MAX_SMOOTHED) | ({_LEVEL: 1} if closed_form else {}))
+    few = closed_form or num_numbers <= MAX_NUMBERS
+    return _compiled(lowered, _emitters(num_particles, MAX_SMOOTHED) | ({_LEVEL: 1} if few else {}))
 
 
 def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:

@@ -66,19 +66,20 @@ def test_what_runs_once_is_hardly_optimised(numbers: tuple[int, int], options: d
 
 
 @pytest.mark.parametrize(
-    ("num_particles", "closed_form", "options"),
+    ("numbers", "closed_form", "options"),
     [
-        (1000, False, {EMITTERS: False}),
-        (1001, False, {}),
-        (1000, True, {EMITTERS: False, LEVEL: 1}),
-        (1001, True, {LEVEL: 1}),
+        ((1000, 1001), False, {EMITTERS: False}),
+        ((1000, 1000), False, {EMITTERS: False, LEVEL: 1}),
+        ((1001, 1001), False, {}),
+        ((1000, 1001), True, {EMITTERS: False, LEVEL: 1}),
+        ((1001, 1001), True, {LEVEL: 1}),
     ],
 )
 def test_smoothers_of_more_than_a_thousand_keep_the_emitters_and_formulas_are_hardly_optimised(
-    num_particles: int, closed_form: bool, options: dict[str, int]
+    numbers: tuple[int, int], closed_form: bool, options: dict[str, int]
 ) -> None:
     lowered = Lowered(EMITTERS, LEVEL)
-    assert compilation.compile_smoother(lowered, num_particles, closed_form) == "compiled"
+    assert compilation.compile_smoother(lowered, *numbers, closed_form) == "compiled"
     assert lowered.options == options
 
 

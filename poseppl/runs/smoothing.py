@@ -167,7 +167,8 @@ def _compiled(smoother: Smoother, passes: bool, *given: Any) -> Any:
     smooth, made = _smoothing(smoother, passes)
     kind = abstract_signature(given)
     if kind not in made:
-        made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1], smoother.closed_form)
+        particles = given[1].particles[0]
+        made[kind] = compile_smoother(smooth.lower(*given), len(particles), particles.size, smoother.closed_form)
     return made[kind]
 
 
@@ -188,7 +189,8 @@ def _collected(smoother: Smoother, collect: Collect, *given: Any) -> tuple[Array
     collected, made = _collecting(smoother, collect)
     kind = abstract_signature(given)
     if kind not in made:
-        made[kind] = compile_smoother(collected.lower(*given), given[1].log_weights[0].size, closed_form=True)
+        size = given[1].log_weights[0].size
+        made[kind] = compile_smoother(collected.lower(*given), size, size, closed_form=True)
     result: tuple[Array, Any] = made[kind](*given)
     return result
 
