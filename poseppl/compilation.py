@@ -9,9 +9,9 @@ XLA's fusion emitters for the CPU take a third of the time that compilation take
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
 optimisation makes runs as fast as its third, and takes less time (`python -m benchmarks.first_result --levels`). What runs once
-a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas, or of few numbers (`python
-benchmarks/compile_times.py` prints what they take to compile and to run). With JAX's option `jax_disable_most_optimizations`
-every program has level 0, whatever is chosen here: the tests compile in half of the time with it.
+a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas, or of few numbers
+(`python -m benchmarks.compile_times` prints what they take to compile and to run). With JAX's option
+`jax_disable_most_optimizations` every program has level 0, whatever is chosen here: the tests compile in half of the time.
 
 >>> lowered = jit(lambda x: 2 * x).lower(1.5)
 >>> float(compile_lowered(lowered, num_particles=100, num_numbers=300)(1.5))
