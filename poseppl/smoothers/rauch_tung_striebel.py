@@ -10,6 +10,9 @@ Gaussians; draws are whole trajectories, drawn backwards, x_t ~ N(m_t + G (x_(t+
 With more than one iteration transitions and observations are linearised again, around the smoothed Gaussians of the last pass,
 and both passes begin anew at the initial program: the iterated posterior linearisation smoother (Garcia-Fernandez, Svensson and
 Sarkka 2017, doi:10.1109/TAC.2016.2592681).
+
+Both passes can be parallel in time (:mod:`poseppl.gaussians.parallel`): the same result for linear programs, in fewer steps on
+a GPU. The first pass of others is then linearised at the initial mean, so that they need iterations.
 """
 
 from __future__ import annotations
@@ -25,8 +28,9 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.compilation import with_full_precision
 from poseppl.filters.kalman import gaussian_form, update
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, semidefinite_root, triangular
-from poseppl.gaussians.linearisation import Method, Moments, linearise_about, predict
+from poseppl.gaussians.linearisation import Linear, Method, Moments, linearise, linearise_about, predict
 from poseppl.gaussians.marginals import gaussian_marginals
+from poseppl.gaussians.parallel import LinearFrames, filter_in_parallel, smooth_in_parallel
 from poseppl.particles.stacks import append, prepend, split_first, tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -35,7 +39,12 @@ from poseppl.smoothers.base import GaussianPasses, History, Smoothed, Smoother, 
 
 @memoized_builder
 def rauch_tung_striebel_smoother(
-    model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order", num_iterations: int = 1
+    model: CompiledModel,
+    *,
+    num_draws: int = 1000,
+    linearisation: Method = "first-order",
+    num_iterations: int = 1,
+    parallel: bool = False,
 ) -> Smoother:
     """Rauch-Tung-Striebel smoothing of a Kalman filter, extended or unscented: one Gaussian.
 
@@ -44,6 +53,8 @@ def rauch_tung_striebel_smoother(
         num_draws: Trajectories to draw.
         linearisation: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
         num_iterations: Passes, each but the first linearised around what the last one smoothed.
+        parallel: Whether frames are smoothed in parallel rather than one after the other; for linear programs, or with
+            iterations.
 
     Raises:
         ValueError: A number below 1 or an unknown linearisation.
@@ -52,9 +63,10 @@ def rauch_tung_striebel_smoother(
     check_choice(Method, linearisation=linearisation)
 
     def forward(history: History, observations: Observation, inputs: Any) -> ForwardPass:
-        return _passes(model, observations, inputs, linearisation, num_iterations)
+        return _passes(model, observations, inputs, linearisation, num_iterations, parallel)
 
-    return gaussian_smoother(forward, num_draws, evaluations=(1.0, 2.0), reads_particles=False)
+    backward = parallel_moments if parallel else backward_moments
+    return gaussian_smoother(forward, num_draws, evaluations=(1.0, 2.0), reads_particles=False, backward=backward)
 
 
 def gaussian_smoother(
@@ -63,6 +75,7 @@ def gaussian_smoother(
     *,
     evaluations: tuple[float, float],
     reads_particles: bool = True,
+    backward: Callable[[ForwardPass], RootGaussian] | None = None,
 ) -> Smoother:
     """The smoother of a forward pass: its backward pass and draws of trajectories.
 
@@ -71,7 +84,9 @@ def gaussian_smoother(
         num_draws: Trajectories to draw.
         evaluations: Of the transition and of a frame's gradient, for each frame.
         reads_particles: Whether the forward pass reads the history.
+        backward: The backward pass; :func:`backward_moments` if None.
     """
+    smoothed = backward or backward_moments
 
     def passes(history: History, observations: Observation, inputs: Any) -> GaussianPasses:
         found = forward(history, observations, inputs)
@@ -79,7 +94,7 @@ def gaussian_smoother(
         roots = append(found.left[1:], _root(tree_index(found.filtered, -1)))
         counts = dict(zip(("num_transition", "num_gradient"), (each * num_frames for each in evaluations), strict=True))
         info = smoothing_info(num_frames, jnp.asarray(num_draws), **counts)
-        return GaussianPasses(backward_moments(found), means, found.predicted, found.gains, roots, info)
+        return GaussianPasses(smoothed(found), means, found.predicted, found.gains, roots, info)
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         found = passes(history, observations, inputs)
@@ -100,9 +115,11 @@ def smoothed_moments(
     *,
     linearisation: Method = "first-order",
     num_iterations: int = 1,
+    parallel: bool = False,
 ) -> Gaussian:
     """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
-    smoothed = backward_moments(_passes(model, observations, inputs, linearisation, num_iterations))
+    forward = _passes(model, observations, inputs, linearisation, num_iterations, parallel)
+    smoothed = (parallel_moments if parallel else backward_moments)(forward)
     return Gaussian(smoothed.mean, smoothed.covariance)
 
 
@@ -122,12 +139,15 @@ class ForwardPass(NamedTuple):
     left: Array
 
 
-def _passes(model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int) -> ForwardPass:
+def _passes(
+    model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int, parallel: bool
+) -> ForwardPass:
     """The last forward pass."""
-    found = _forward(model, observations, inputs, method)
+    pass_of, backward = (_forward_in_parallel, parallel_moments) if parallel else (_forward, backward_moments)
+    found = pass_of(model, observations, inputs, method)
 
     def again(_: int, found: ForwardPass) -> ForwardPass:
-        new = _forward(model, observations, inputs, method, backward_moments(found))
+        new = pass_of(model, observations, inputs, method, backward(found))
         usable = jnp.all(jnp.isfinite(new.filtered.mean)) & jnp.all(jnp.isfinite(new.gains))
         kept: ForwardPass = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
         return kept
@@ -149,6 +169,14 @@ def backward_moments(forward: ForwardPass) -> RootGaussian:
     rows = forward.filtered.mean[:-1], forward.predicted[1:], forward.gains[1:], forward.left[1:]
     _, rest = jax.lax.scan(back, end, rows, reverse=True)
     return append(rest, end)
+
+
+def parallel_moments(forward: ForwardPass) -> RootGaussian:
+    """The same, in parallel."""
+    left = forward.left @ jnp.swapaxes(forward.left, 1, 2)
+    filtered = Gaussian(forward.filtered.mean, forward.filtered.covariance)
+    smoothed = smooth_in_parallel(filtered, forward.predicted, forward.gains, left)
+    return RootGaussian(smoothed.mean, jax.vmap(semidefinite_root)(smoothed.covariance))
 
 
 def _root(x: Gaussian | RootGaussian) -> Array:
@@ -175,6 +203,56 @@ def _forward(
     _, rest = jax.lax.scan(advance, filtered, rows)
     nothing = jnp.zeros_like(filtered.covariance)
     return prepend(ForwardPass(filtered, predicted.mean, nothing, nothing), rest)
+
+
+def _forward_in_parallel(
+    model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: RootGaussian | None = None
+) -> ForwardPass:
+    """The same in parallel; without Gaussians to linearise around, all frames are linearised around the initial one."""
+    initial = RootGaussian(*_initial(model, tree_index(inputs, 0)))
+    num_frames = len(jax.tree.leaves(observations)[0])
+    around = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *leaf.shape)), initial) if about is None else about
+    before, later = tree_index(around, slice(-1)), tree_index(inputs, slice(1, None))
+
+    def transition(x: RootGaussian, inputs: Any) -> LinearFrames:
+        return _line(linearise(lambda state: model.transition_moments(state, inputs), x, method), x)
+
+    def observed(x: RootGaussian, observation: Observation, inputs: Any) -> tuple[LinearFrames, Array]:
+        data, seen = model.flat_observation(observation)
+        linear = linearise(
+            lambda state: model.observation_moments(state, inputs),
+            x,
+            method,
+            lambda state: model.observation_jacobian(state, inputs),
+        )
+        line = _line(linear, x)
+        noise = jnp.where(seen[:, None] & seen, line.noise, jnp.eye(len(data), dtype=line.noise.dtype))
+        jacobian = jnp.where(seen[:, None], line.jacobian, 0.0)
+        return LinearFrames(jacobian, line.offset, noise), jnp.where(seen, data, line.offset)
+
+    moved = jax.vmap(transition)(before, later)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:1]), moved)
+    transitions = jax.tree.map(lambda first, rest: jnp.concatenate([first, rest]), nothing, moved)
+    lines, data = jax.vmap(observed)(around, observations, inputs)
+    filtered = filter_in_parallel(initial.mean, initial.covariance, transitions, lines, data)
+
+    def ahead(filtered: Gaussian, around: RootGaussian, inputs: Any) -> tuple[Gaussian, Array, Array]:
+        return predict_with_gain(model, filtered, around, inputs, method)
+
+    predicted, gains, left = jax.vmap(ahead)(tree_index(filtered, slice(-1)), before, later)
+    none = jnp.zeros_like(initial.scale)
+    return ForwardPass(filtered, prepend(initial.mean, predicted.mean), prepend(none, gains), prepend(none, left))
+
+
+def _initial(model: CompiledModel, inputs: Any) -> tuple[Array, Array]:
+    """Mean (d,) of the first frame's state, and a root (d, d) of its covariance."""
+    mean, covariance = model.initial_moments(inputs)
+    return mean, semidefinite_root(covariance)
+
+
+def _line(linear: Linear, about: RootGaussian) -> LinearFrames:
+    """A conditional that was linearised around a Gaussian, by its offset at 0."""
+    return LinearFrames(linear.jacobian, linear.mean - linear.jacobian @ about.mean, linear.noise)
 
 
 def predict_with_gain(
