@@ -1,4 +1,4 @@
-"""What docs/measurements.md tells of Choo and Fleet 2001, from the tables of that page."""
+"""What docs/validation/published.md tells of Choo and Fleet 2001, from the tables of that page."""
 
 from __future__ import annotations
 

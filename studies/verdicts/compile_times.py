@@ -1,4 +1,4 @@
-"""What algorithms cost to compile on the body, and whether that stays within the goal, for docs/measurements.md."""
+"""What algorithms cost to compile on the body, and whether that stays within the goal, for docs/validation/speed.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The default filter for markers, by errors, coverage and speed on recordings, for docs/choosing.md."""
+"""The default filter for markers, by errors, coverage and speed on recordings, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Filters of a chaotic state in 40 dimensions, and whether verdicts tell those that fail, for docs/measurements.md."""
+"""Filters of a chaotic state in 40 dimensions, and whether verdicts tell those that fail, for docs/validation/filters.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A learned walk as the prior of people it was not learned from, and of other motion, for docs/measurements.md."""
+"""A learned walk as the prior of people it was not learned from, and of other motion, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixed and learned places of markers on the body, with fixed and learned walks, for docs/measurements.md."""
+"""Fixed and learned places of markers on the body, with fixed and learned walks, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far joints are from those of four cameras by libraries of their own, for docs/compared.md."""
+"""How far joints are from those of four cameras by libraries of their own, for docs/validation/libraries.md."""
 
 from __future__ import annotations
 

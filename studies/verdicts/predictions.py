@@ -1,4 +1,4 @@
-"""What predictive checks noticed of runs whose truth is known, for docs/verdicts.md."""
+"""What predictive checks noticed of runs whose truth is known, for docs/validation/verdicts.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded walks as a detector's keypoints, and ranks of the smoother's truth, for docs/keypoints.md."""
+"""Recorded walks as a detector's keypoints, and ranks of the smoother's truth, for docs/validation/keypoints.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion that the model itself simulates: what the default tracker makes of it, and goals, for docs/measurements.md."""
+"""Motion that the model itself simulates: what the default tracker makes of it, and goals, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

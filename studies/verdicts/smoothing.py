@@ -1,4 +1,4 @@
-"""Whether smoothing pays, with smoothers that are not bound to the filter's particles, for docs/measurements.md."""
+"""Whether smoothing pays, with smoothers that are not bound to the filter's particles, for docs/validation/smoothing.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The default tracker with three random walks on recordings of many rates, for docs/measurements.md."""
+"""The default tracker with three random walks on recordings of many rates, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

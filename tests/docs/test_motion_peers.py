@@ -29,7 +29,7 @@ def smallest(table: Table) -> int:
 
 def test_the_page_counts_the_smallest_errors():
     told = re.search(
-        r"poseppl's is the smallest of all libraries' in (\d+)\.", (DOCS / "compared.md").read_text(encoding="utf-8")
+        r"poseppl's is the smallest of all libraries' in (\d+)\.", (DOCS / "validation" / "libraries.md").read_text(encoding="utf-8")
     )
     assert told and int(told[1]) == smallest(TABLE)
 
