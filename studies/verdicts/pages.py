@@ -38,6 +38,7 @@ from studies.verdicts import (
     simulated_motion,
     sminchisescu_triggs,
     smoothing,
+    summary,
     toolkit_speed,
     walks,
 )
@@ -80,6 +81,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "ensembles": ensembles.ensembles,
         "modes-found": modes.modes_found,
     },
+    "validation/index.md": {"summary": summary.summary},
     "validation/keypoints.md": {
         "keypoints": keypoints.keypoints,
         "keypoint-speed": keypoints.speed,
