@@ -87,8 +87,8 @@ def _goals(rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
     lost = int((_values(rows, "error") > _LOST).sum())
     rate, inside = _per_second(rows), {each: mean_interval(100 * _values(rows, each)) for each in _INSIDE}
     covers = [
-        f"- Goal: coverage of {each.removeprefix('in_')} % intervals of {low:.0f} to {high:.0f} %: {inside[each].within(low, high)} "
-        f"({inside[each].told('.1f')})."
+        f"- Goal: coverage of {each.removeprefix('in_')} % intervals of {low:.0f} to {high:.0f} %: "
+        f"{inside[each].within(low, high)} ({inside[each].told('.1f')})."
         for each, (low, high) in _INSIDE.items()
     ]
     return [
