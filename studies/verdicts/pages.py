@@ -110,6 +110,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
         **{name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     },
+    "validation/silhouettes.md": {"bodytrack": claims("bodytrack")},
     "validation/smoothing.md": {
         "smoothing-pays": smoothing.smoothing_pays,
         "trajectory": sampling.trajectory,

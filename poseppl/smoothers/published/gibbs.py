@@ -79,7 +79,6 @@ def gibbs_smoother(
         target: "mixture", or "model" for moves that are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
-            The paper's is 3 degrees. The chains themselves are continuous.
         mixture: The other settings of the mixture;
             :class:`~poseppl.smoothers.published.likelihood_mixture.MixtureSettings` if None.
 
