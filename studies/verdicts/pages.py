@@ -74,7 +74,6 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
-    "points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
     "validation/filters.md": {
         "choosing": choosing.choosing,
         "frame-samplers": sampling.frame_samplers,
@@ -104,6 +103,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "simulated-coordinates": simulated_motion.coordinates,
         "simulated-checks": predictions.lost,
     },
+    "validation/points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
     "validation/published.md": {
         "speed-ups": of("choo-fleet-2001", choo_fleet.speed_ups),
         "contest": of("choo-fleet-2001", choo_fleet.contest),
