@@ -1,7 +1,7 @@
 """Find prose that is hard to read: python docs/prose.py [FILE.md ...]; without files, the pages of PAGES.
 
-It reports words that have a plainer or a more usual one, and sentences of more than 30 words, in prose that is no code and no
-table.
+It reports words that have a plainer or a more usual one, sentences that do not begin with their subject, and sentences of more
+than 30 words, in prose that is no code and no table.
 The status is the number of findings, at most 100.
 """
 
@@ -14,18 +14,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (
-    *("README.md", "CONTRIBUTING.md", "docs/architecture.md", "docs/checked.md", "docs/conventions.md", "docs/formats.md"),
-    *(
-        "docs/keypoints.md",
-        "docs/opensim.md",
-        "docs/points.md",
-        "docs/quickstart.md",
-        "docs/security.md",
-        "docs/your_cameras.md",
-        "docs/your_model.md",
-    ),
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
+    *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md") if path.name != "page.md"),
 )
-"""Pages that have no findings; add a page once it is rewritten."""
+"""All pages but those of papers, which their own tables make."""
 LONGEST = 30
 WORDS = {
     r"told|tells (?:of|the user)": "reported, warned, printed",
@@ -43,6 +35,8 @@ WORDS = {
     r"too sure": "overconfident",
     r"house|wings? of": "package",
 }
+FRONTED = re.compile(r"[*_ -]*(Of|What|Where|Who|Whoever) (?!.*\?[*_]*$)")
+"""Sentences that begin with what should follow; questions may."""
 
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
@@ -70,6 +64,8 @@ def findings(text: str) -> Iterator[tuple[int, str]]:
             for match in re.finditer(rf"\b(?:{pattern})\b", plain, re.IGNORECASE):
                 yield number, f"{match[0]!r}: write {better}"
         for sentence in re.split(r"(?<=[.!?:;])[\"')]*\s+", plain):
+            if FRONTED.match(sentence):
+                yield number, f"subject first: {sentence[:60]} ..."
             words = len(re.findall(r"[A-Za-z][\w'-]*", sentence))
             if words > LONGEST:
                 yield number, f"a sentence of {words} words: {sentence[:60]} ..."

@@ -6,8 +6,8 @@ For weighted particles the stored draws are a resampled thinning and tell nothin
 of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
 ``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are also ``joint_error`` and
 ``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, state_dim), ``probability_transform`` (frame,
-state_dim), and the coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the state,
-and ``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
+state_dim), and the coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the
+state, ``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
 """
 
 from __future__ import annotations
