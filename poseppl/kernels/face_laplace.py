@@ -41,7 +41,8 @@ class FaceModes(NamedTuple):
 
     Attributes:
         states: Shape (S, d).
-        precisions: Curvatures (S, d, d), with the square of the slope across active constraints: what modes are told apart by.
+        precisions: Curvatures (S, d, d), with the square of the slope across active constraints: the coordinates that
+            distinguish modes.
         scales: Their inverse square roots (S, d, d), upper triangular.
         log_masses: Masses of the cut Gaussians (S,), -inf where a climb has no finite cost.
         covariances: On the free face (S, d, d), of rank d less the number of active constraints.
