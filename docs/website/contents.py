@@ -42,8 +42,9 @@ PARTS = (
     Part(
         "Reference",
         (
-            "docs/algorithms",
+            "command_line",
             "reference/index",
+            "docs/algorithms",
             *(f"docs/{name}" for name in ("formats", "conventions", "security", "glossary", "bibliography")),
         ),
     ),

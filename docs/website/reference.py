@@ -19,8 +19,8 @@ def pages() -> dict[str, str]:
 def _index() -> str:
     return "\n".join(
         [
-            *_title("Reference"),
-            "Every public name, from the docstrings. `objects.inv`, for links from other sites, is beside the landing page.",
+            *_title("Python"),
+            "All public names by package. Other sites can link to them by `objects.inv`, beside the landing page.",
             "",
             ".. toctree::",
             "   :maxdepth: 1",

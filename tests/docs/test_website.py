@@ -7,11 +7,14 @@ from pathlib import Path
 import pytest
 from website.algorithms import algorithms, fields_of, glance
 from website.check import faults
+from website.commands import commands, page as commands_page
 from website.contents import index
 from website.docstrings import marked_up
 from website.markup import plain
 from website.modules import PACKAGES, all_modules, exports
 from website.tree import relinked
+
+from poseppl.cli import cli
 
 GOOD = "<html><head><title>A page</title></head><body><h1 id='a'>A</h1>{}</body></html>"
 
@@ -64,6 +67,12 @@ def test_every_page_is_in_the_contents_once() -> None:
     for name in ("docs/choosing", "docs/new", "docs/conventions", "docs/paper/page", "docs/tutorials/sampler", "CHANGELOG"):
         assert lines.count(name) == 1
     assert "docs/quickstart" not in lines  # which is not there
+
+
+def test_every_command_has_a_section_with_its_options() -> None:
+    text = commands_page()
+    assert all(f"\n## {name}\n" in text for name, _ in commands(cli, "poseppl"))
+    assert "## poseppl run\n" in text and "--filter" in text
 
 
 def test_links_of_the_repository_hold_on_the_site() -> None:
