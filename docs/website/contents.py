@@ -49,7 +49,7 @@ PARTS = (
         ),
     ),
     Part("Validation", ("docs/validation/index",), "docs/validation/*.md"),
-    Part("Papers", (), "docs/*/page.md"),
+    Part("Papers", ("docs/errata",), "docs/*/page.md"),
     Part("Develop", ("CONTRIBUTING", "docs/architecture", "CHANGELOG")),
 )
 

@@ -48,7 +48,7 @@ class FaceModes(NamedTuple):
         covariances: On the free face (S, d, d), of rank d less the number of active constraints.
         active: Active constraints (S, d + m), in the order of `Constraints.normals`.
         slopes: Their multipliers (S, d + m).
-        inner_curvatures: Of the density in t (S, d + m), 1 where a constraint is not active.
+        inner_curvatures: Curvatures of the density in t (S, d + m), 1 where a constraint is not active.
         inward: How a state moves with t (S, d, d + m), 0 where a constraint is not active.
     """
 

@@ -47,8 +47,8 @@ class OptimizationResult(NamedTuple):
     Attributes:
         states: Shape (d,).
         costs: -log p there, a scalar.
-        gradients: Of the cost (d,).
-        curvatures: Of the cost (d, d), as the search was given them.
+        gradients: Gradient of the cost (d,).
+        curvatures: Curvature of the cost (d, d), as the search was given it.
         damping: lambda, a scalar.
         converged: Whether another step would gain less than the tolerance.
         stopped: Whether it converged or gave up.
