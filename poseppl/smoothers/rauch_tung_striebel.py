@@ -69,7 +69,7 @@ def gaussian_smoother(
     Args:
         forward: `(history, observations, inputs) -> forward pass`.
         num_draws: Trajectories to draw.
-        evaluations: Of the transition and of a frame's gradient, for each frame.
+        evaluations: Evaluations of the transition and of a frame's gradient, for each frame.
         reads_particles: Whether the forward pass reads the history.
     """
 
