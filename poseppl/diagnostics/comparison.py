@@ -59,7 +59,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         * ``forecasts``: see :func:`poseppl.diagnostics.forecasts.forecasts_of_runs`.
 
         The attributes are JSON: ``frames`` is the number of frames, ``provenance`` describes each run, and ``other_cameras``
-            lists the runs that saw the truth through other cameras than the first one.
+        lists the runs that saw the truth through other cameras than the first one.
 
     Raises:
         InputError: Fewer than two runs, or runs of different data.

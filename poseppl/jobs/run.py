@@ -101,7 +101,7 @@ def run_jobs(
 
 
 def waiting(function: Function, jobs: Iterable[Job], folder: FilePath) -> list[Job]:
-    """Those of some jobs that :func:`run_jobs` would compute: the folder has no results of them.
+    """Those of some jobs that :func:`run_jobs` would compute, which have no results in the folder.
 
     Args:
         function: As for :func:`run_jobs`.

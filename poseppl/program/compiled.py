@@ -180,8 +180,8 @@ class CompiledModel:
         """A drawn state (d,), and a log-weight of value 0, which together have the derivative of an expectation of draws.
 
         Draws of integers, mixtures and rejection samplers do not know what they were drawn by: their log-density provides it,
-            as the derivative of the weight (the score; Schulman et al. 2015, arXiv:1506.05254, section 2). Other draws have
-            their own.
+        as the derivative of the weight (the score; Schulman et al. 2015, arXiv:1506.05254, section 2). Other draws have their
+        own.
         """
         program = self.programs.initial if x_previous is None else self.programs.transition
         arguments = self._arguments(inputs, x_previous)

@@ -4,8 +4,7 @@
 
 Mask `side` where the side is not known. While it never is, x and -x are equally probable at every frame, and a path crosses
 from one side to the other only by a rare jump: a filter has to carry two modes through the whole ambiguous stretch, and a
-    smoother has to carry back the information of a later frame. State site `x` and data sites `y` and `side`, scalars; no
-    inputs.
+smoother has to carry back the information of a later frame. State site `x` and data sites `y` and `side`, scalars; no inputs.
 """
 
 from __future__ import annotations
