@@ -1,7 +1,7 @@
-"""Find prose that is hard to read: python docs/prose.py [FILE.md ...]; without files, the pages of PAGES.
+"""Find prose that is hard to read: python docs/prose.py [FILE ...]; without files, the pages and notebooks of PAGES.
 
-It reports words that have a plainer or a more usual one, and sentences of more than 30 words, in prose that is no code and no
-table.
+It reports words that have a plainer or a more usual one, sentences that do not begin with their subject, and sentences of more
+than 30 words, in prose that is no code and no table.
 The status is the number of findings, at most 100.
 """
 
@@ -14,18 +14,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (
-    *("README.md", "CONTRIBUTING.md", "docs/architecture.md", "docs/checked.md", "docs/conventions.md", "docs/formats.md"),
-    *(
-        "docs/keypoints.md",
-        "docs/opensim.md",
-        "docs/points.md",
-        "docs/quickstart.md",
-        "docs/security.md",
-        "docs/your_cameras.md",
-        "docs/your_model.md",
-    ),
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
+    *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md") if path.name != "page.md"),
+    *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.py")),
 )
-"""Pages that have no findings; add a page once it is rewritten."""
+"""All pages but those of papers, which their own tables make, and all notebooks."""
 LONGEST = 30
 WORDS = {
     r"told|tells (?:of|the user)": "reported, warned, printed",
@@ -43,6 +36,18 @@ WORDS = {
     r"too sure": "overconfident",
     r"house|wings? of": "package",
 }
+FRONTED = re.compile(r"[*_ -]*(Of|What|Where|Who|Whoever) (?!.*\?[*_]*$)")
+"""Sentences that begin with what should follow; questions may."""
+
+
+def markdown_of(script: str) -> str:
+    """The text cells of a notebook in the py:percent form, on the lines where they are; other lines are empty."""
+    lines, is_text = list[str](), False
+    for line in script.splitlines():
+        is_cell = line.startswith("# %%")
+        is_text = "[markdown]" in line if is_cell else is_text
+        lines.append(line[2:] if is_text and not is_cell else "")
+    return "\n".join(lines)
 
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
@@ -70,6 +75,8 @@ def findings(text: str) -> Iterator[tuple[int, str]]:
             for match in re.finditer(rf"\b(?:{pattern})\b", plain, re.IGNORECASE):
                 yield number, f"{match[0]!r}: write {better}"
         for sentence in re.split(r"(?<=[.!?:;])[\"')]*\s+", plain):
+            if FRONTED.match(sentence):
+                yield number, f"subject first: {sentence[:60]} ..."
             words = len(re.findall(r"[A-Za-z][\w'-]*", sentence))
             if words > LONGEST:
                 yield number, f"a sentence of {words} words: {sentence[:60]} ..."
@@ -79,7 +86,8 @@ def main() -> int:
     """Print the findings of the files that are named."""
     count = 0
     for name in sys.argv[1:] or PAGES:
-        for number, problem in findings((ROOT / name).read_text(encoding="utf-8")):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        for number, problem in findings(markdown_of(text) if name.endswith(".py") else text):
             print(f"{name}:{number}: {problem}")
             count += 1
     return min(count, 100)

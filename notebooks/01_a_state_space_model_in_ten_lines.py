@@ -12,10 +12,10 @@
 # %% [markdown]
 # # A state-space model in ten lines
 #
-# Something hidden moves, and we see it dimly. A state-space model says how it moves, how it is seen, and where it may be
-# at first; filtering turns that around and says, at each frame, what the data so far tell about the hidden state. Here we
-# write such a model, filter a sequence with a hole in it, hold the result in a form that ArviZ takes, and check every
-# number against the exact answer.
+# Something hidden moves, and we see it dimly. A state-space model says how it moves, how it is seen, and where it may be at
+# first; filtering turns that around and says, at each frame, what the data so far tell about the hidden state. Here we write
+# such a model and filter a sequence with a gap. We keep the result in a form for ArviZ, and check every number against the
+# exact answer.
 #
 # The model is chosen so that there is an exact answer. A weight bobs on a spring: position and velocity are the hidden
 # state, and a noisy ruler reads the position. With Gaussian noise everywhere this is linear and Gaussian, so Kalman's
@@ -93,10 +93,10 @@ data = {"reading": values}
 # %% [markdown]
 # ## Filtering
 #
-# A filter is a pair of pure functions, `init` for the first frame and `step` for each later one. The particle filter
-# carries a swarm of weighted guesses: it moves each by `transition`, weighs it by the density of the reading, and
-# resamples. `infer` takes the pair over the whole sequence in one compilation, and keeps of each frame two hundred draws
-# and, made over all particles, the mean, the standard deviation and quantiles.
+# A filter is a pair of pure functions, `init` for the first frame and `step` for each later one. The particle filter carries
+# a swarm of weighted guesses: it moves each by `transition`, weighs it by the density of the reading, and resamples. `infer`
+# runs the pair over the whole sequence in one compilation. For each frame it keeps two hundred draws, and the mean, standard
+# deviation and quantiles over all particles.
 
 # %%
 particles = poseppl.particle_filter(model, num_particles=4000)
@@ -213,7 +213,7 @@ walkers = poseppl.assumed_density_filter(model, num_chains=16, settings=settings
 chains = poseppl.infer(model, data, walkers, jax.random.key(1), **about)
 
 # %% [markdown]
-# Its draws are Markov chains, so ArviZ's diagnostics apply, and they take the tree as it is.
+# Its draws are Markov chains, so ArviZ's diagnostics apply to the tree.
 
 # %%
 arviz_stats.summary(chains.isel(frame=[0, 45, 79]), var_names=["position", "velocity"])
@@ -265,7 +265,7 @@ off = (chains["summary/state_mean"].values - exact_mean) / exact_sd
 assert np.sqrt(np.mean(off**2)) < 0.15 and np.abs(off).max() < 0.4
 assert np.abs(chains["summary/state_sd"].values / exact_sd - 1).max() < 0.2
 assert float(rhat.max()) < 1.05
-# the 90 % intervals of both hold the truth about nine times in ten
+# the coverage of the 90 % intervals of both is about nine tenths
 for tree in (result, chains):
     low, high = (tree["summary/state_quantile"].sel(quantile=level).values for level in (0.05, 0.95))
     inside = (low < truth) & (truth < high)

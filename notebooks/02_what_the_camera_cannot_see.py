@@ -141,16 +141,16 @@ picture
 # Now all 28 angles and positions over 24 frames. The assumed-density filter starts its chains in the modes of each frame.
 # Its prior is the frame before, carried on. It starts near the truth, so at first every limb leans the right way.
 #
-# One thing has to be told. The body's random walk expects 15 mm a frame at 30 Hz, and this person comes 40 mm nearer in
-# every frame, along the very direction that the camera does not see. Left at 15 mm, the tracker believes its prior, lags
-# behind by more than 100 mm, and its 90 % intervals hold three quarters of the truth: intervals are as good as the
-# prior. Scales are told a root of a second, so that they do not depend on the rate.
+# One setting must change. The body's random walk expects 15 mm a frame at 30 Hz, and this person comes 40 mm nearer in every
+# frame, along the direction that the camera does not see. With 15 mm, the tracker believes its prior and lags behind by more
+# than 100 mm, and the coverage of its 90 % intervals is three quarters: intervals are as good as the prior. Scales are for
+# one second of motion, so that they do not depend on the rate.
 
 # %%
 settings = TrackSettings(filter="assumed-density", sigma_position=40.0 * 30**0.5, max_draws=20)
 seen_by_one = track(one_eye, settings)
 numbers = measure_run(seen_by_one)
-print(f"mean joint error {numbers.joint_error:.0f} mm; 90 % intervals hold {numbers.coverage:.0%} of the joints' coordinates")
+print(f"mean joint error {numbers.joint_error:.0f} mm; coverage of 90 % intervals {numbers.coverage:.0%}")
 
 # %%
 plot_overlay(seen_by_one, frame=12)
@@ -216,14 +216,14 @@ axes.legend(frameon=False)
 picture
 
 # %% [markdown]
-# Where the tracker takes the wrong branch it follows the mirror image, and is as sure of it as it would be of the truth.
-# The filter's prior is one Gaussian, which bridges a fork while its branches are near, and has to let go of one when they
-# part. So the 90 % intervals hold a little less than nine tenths. The cure is to remember the fork, or to look from
-# another side.
+# If the tracker takes the wrong branch, it follows the mirror image, and is as confident as it would be of the truth. The
+# filter's prior is one Gaussian, which bridges a fork while its branches are near, and has to let go of one when they part.
+# The coverage of the 90 % intervals is therefore a little below nine tenths. The remedy is to remember the fork, or to look
+# from another side.
 #
 # ## A second camera
 #
-# What one camera calls depth the other sees across. The arm first: of the four only one is left, the true one.
+# The depth of one camera is a sideways direction for the other. The arm first: only one of the four is left, the true one.
 
 # %%
 markers, _, effective = draw_arms(two_eyes)
@@ -239,7 +239,7 @@ seen_by_two = track(two_eyes, settings)
 along_two, across_two = spread(seen_by_two)
 numbers_two = measure_run(seen_by_two)
 print(f"two cameras: {np.median(along_two):.0f} mm along the first one's line of sight, {np.median(across_two):.0f} mm across")
-print(f"mean joint error {numbers_two.joint_error:.0f} mm; 90 % intervals hold {numbers_two.coverage:.0%}")
+print(f"mean joint error {numbers_two.joint_error:.0f} mm; coverage of 90 % intervals {numbers_two.coverage:.0%}")
 
 # %%
 plot_pose3d(seen_by_two, frame=12)
@@ -282,7 +282,7 @@ assert np.abs(both.mean(0) - true_depths).max() < 30
 # the walking body: several times as unsure in depth as in the image, and rightly so
 assert np.median(along) > 4 * np.median(across)
 assert numbers.coverage > 0.75 and 0.3 < float(seen_by_one["diagnostics/coverage_markers"].sel(level=0.5)) < 0.7
-# with a second camera the doubt is gone, forks and all, and the intervals still hold
+# with a second camera the doubt is gone, forks and all, and the coverage is still right
 assert np.median(along_two) < np.median(along) / 3
 assert np.abs(forearm_depth(seen_by_two["summary/markers_mean"].values) - forearm_depth(walker.markers)).max() < 100
 assert numbers_two.joint_error < numbers.joint_error / 2 and numbers_two.coverage > 0.8

@@ -135,8 +135,8 @@ for name, smoother in smoothers.items():
     print(f"{name:>20}: {error(means[name], 'smoother'):.2f} from the exact mean; {spread[name]} states in the first frame")
 
 # %% [markdown]
-# The picture: the exact filtering and smoothing distributions as shades of grey, the truth in black. Where the filter
-# hesitates between two signs, the smoother has made up its mind.
+# The picture: the exact filtering and smoothing distributions as shades of grey, the truth in black. The smoother decides
+# between two signs in frames where the filter cannot.
 
 # %%
 figure = new_picture(10, 6)

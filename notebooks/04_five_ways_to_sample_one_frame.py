@@ -17,7 +17,7 @@
 #
 # 1. **importance sampling**: draw from the prior and weigh by the likelihood, as the bootstrap particle filter does;
 # 2. **annealing** (Deutscher, Darby): layer after layer, the likelihood sharpens and the survivors are jittered;
-# 3. **tempering**: the same idea done with weights and moves that leave each distribution as it is;
+# 3. **tempering**: the same idea done with weights and moves that leave each distribution invariant;
 # 4. **differential evolution** (Du and Guan): particles move along differences of other particles;
 # 5. **hybrid Monte Carlo** (Choo and Fleet): chains that roll along the gradient.
 #
@@ -125,11 +125,11 @@ figure
 # ## What to take home
 #
 # In two dimensions any exact method will do, and the cheapest is the simplest. The order turns around as dimensions are
-# added: the share of prior draws on the ridge falls exponentially, while the moves only get a little shorter. Annealing
-# is quick at finding a mode, and its spread says nothing about what the data leave open. And HMC is only as good as its
-# steps: they have to fit the sharpest bend, and the trajectories the whole ridge. Make the ridge three times thinner
-# (`noise=0.05`) and these 20 chains, started at the few prior draws that fell near it, do not get round the bend in 60
-# updates, while tempering, which carries its particles along as the ridge narrows, does not notice.
+# added: the share of prior draws on the ridge falls exponentially, while the moves only get a little shorter. Annealing is
+# quick at finding a mode, and its spread says nothing about what the data leave open. And HMC is only as good as its steps:
+# they have to fit the sharpest bend, and the trajectories the whole ridge. Make the ridge three times thinner
+# (`noise=0.05`): these 20 chains, started at the few prior draws near it, do not get round the bend in 60 updates. Tempering
+# carries its particles along as the ridge narrows, and is not affected.
 
 # %%
 scale = np.linalg.norm(exact_spread)

@@ -13,8 +13,8 @@
 # # From video to posterior
 #
 # Four cameras look at a person who walks, and nobody has put a marker anywhere. We find the person's silhouette in each
-# picture, follow a body of 28 coordinates through the frames by its outline alone, lay it over the pictures, and ask how
-# sure one may be of each joint: with all cameras, and with one.
+# picture, and follow a body of 28 coordinates through the frames by its outline alone. Then we lay it over the pictures, and
+# ask how certain each joint is: with all cameras, and with one.
 #
 # ## A scene with truth
 #
@@ -59,8 +59,8 @@ write_scene(folder, setting, truth, besides=lambda place: save_subject_truth(wal
 # %% [markdown]
 # ## Silhouettes
 #
-# Each camera has a picture of the empty room. What differs from it is the person, and points at even distances along the
-# outline are the data. The rendered scene also knows the true masks: here is how much of them was found.
+# Each camera has a picture of the empty room. The person differs from it, and points at even distances along the outline are
+# the data. The rendered scene also knows the true masks: here is how much of them was found.
 
 # %%
 sources = sources_of_scene(folder)
@@ -136,8 +136,8 @@ def measure(outputs):
 
 together, alone = follow(range(len(NAMES))), follow([0])
 (error, held), (error_alone, held_alone) = measure(together), measure(alone)
-print(f"four cameras: mean joint error {error:.0f} mm, 90 % intervals hold {held:.0%} of the joints' coordinates")
-print(f"one camera:   mean joint error {error_alone:.0f} mm, 90 % intervals hold {held_alone:.0%}")
+print(f"four cameras: mean joint error {error:.0f} mm, coverage of 90 % intervals {held:.0%}")
+print(f"one camera:   mean joint error {error_alone:.0f} mm, coverage of 90 % intervals {held_alone:.0%}")
 
 # %% [markdown]
 # The body over the last pictures: the mean with four cameras in blue, and in orange twelve draws from what the first camera
@@ -199,7 +199,7 @@ picture
 # One camera tells how far away a person is by little but the size of the silhouette; the others look across its line of
 # sight.
 #
-# The intervals of four cameras hold less than the nine tenths that they promise, those of one camera, which are wider, about
+# The coverage of four cameras' 90 % intervals is below nine tenths; that of one camera's, which are wider, is about
 # as much. One Gaussian around one mode knows of no other mode, and limbs in front of a body have several: they are what a
 # sampler is for.
 #
@@ -210,7 +210,7 @@ picture
 assert np.median(off) <= 1.0 and np.quantile(off, 0.9) < 3.0
 # four cameras follow the body, one does worse
 assert error < 100.0 and error < error_alone
-# intervals of four cameras hold most of the truth, and less than they promise; those of one hold about as much
+# the coverage of four cameras' intervals is high, but below its level; that of one camera's is about the same
 assert 0.6 < held < 0.85 < held_alone < 0.95
 # one camera is unsure in depth; the others take most of it away
 assert np.median(rows["one camera, along its line of sight"]) > 1.5 * np.median(rows["one camera, across it"])

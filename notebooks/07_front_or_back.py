@@ -13,9 +13,9 @@
 # # Why a camera cannot tell front from back, and a filter that knows it
 #
 # A limb looks the same whether it leans towards the camera or away. A tracker that follows one pose has to choose, and if it
-# chooses wrong, nothing in the pictures that follow says so. Here we see the mirror images of a body's limbs, then follow
-# a single limb through the moment at which the choice arises, where the exact answer can be computed, and compare two
-# filters with it: one that knows a single Gaussian, and one that keeps modes with their weights.
+# chooses wrong, nothing in the pictures that follow says so. Here we see the mirror images of a body's limbs. Then we follow
+# a single limb through the moment at which the choice arises, where the exact answer can be computed. We compare two filters
+# with it: one has a single Gaussian, the other keeps modes with their weights.
 #
 # ## Mirror images
 #
@@ -135,8 +135,9 @@ for t in (0, 9, 14, OPENED - 1, OPENED):
 # %% [markdown]
 # ## Two filters
 #
-# The extended Kalman filter has one Gaussian. The default filter, `assumed_density_filter`, climbs to the modes of each frame
-# from draws of the last one, gives chains to each by its mass, and carries the past as three Gaussians with their weights.
+# The extended Kalman filter has one Gaussian. The other, `assumed_density_filter`, climbs to the modes of each frame from
+# draws of the last one. It gives chains to each mode by its mass, and summarises the past by three Gaussians with their
+# weights.
 
 # %%
 SEEDS = 6

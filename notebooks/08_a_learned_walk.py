@@ -12,9 +12,9 @@
 # %% [markdown]
 # # What a walk looks like from inside
 #
-# One camera leaves the depth of a limb open, and a random walk says little of it. Who has seen people walk knows more. Here an
-# activity is learned from recordings, as Darby, Li and Costen (2008) do, looked at, and given to a tracker as its prior;
-# then the person does something else, and we see whether the prior drags it along.
+# One camera leaves the depth of a limb open, and a random walk says little of it. Recordings of people who walk say more.
+# Here an activity is learned from recordings, as Darby, Li and Costen (2008) do, and given to a tracker as its prior. Then
+# the person does something else, and we see whether the prior misleads the tracker.
 #
 # ## People to learn from
 #
@@ -57,8 +57,8 @@ stranger = somebody()
 # %% [markdown]
 # ## The cycle
 #
-# What is left of each person's angles without their mean is projected on its principal components, and a hidden Markov
-# model learns how these follow each other: its states are phases of the walk.
+# Each person's angles, without their mean, are projected on their principal components. A hidden Markov model learns how
+# these follow each other: its states are phases of the walk.
 
 # %%
 model = train_motion_model(recordings, DEFAULT_MODEL, TrainingSettings(num_states=12))

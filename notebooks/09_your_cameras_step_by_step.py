@@ -76,11 +76,11 @@ print((folder / "Calib.toml").read_text()[:170])
 # %% [markdown]
 # ## 2. Detect: points in each picture
 #
-# Run OpenPose, RTMPose or another detector on each video; for OpenPose
-# `openpose --video cam1.mp4 --write_json pose/cam1 --display 0`. What it finds is off by some pixels, in the same direction for
-# some frames, and now and then far off. Such errors are drawn here, of the model that the smoother assumes
-# (`poseppl_models.bodies.detected_points`): half of the variance lasts for half a second, the other half is Student-t with 4
-# degrees of freedom; and one point in thirty is not found at all.
+# Run OpenPose, RTMPose or another detector on each video; for OpenPose `openpose --video cam1.mp4 --write_json pose/cam1
+# --display 0`. Its points are off by some pixels, in the same direction for some frames, and now and then far off. Such
+# errors are drawn here, from the model that the smoother assumes (`poseppl_models.bodies.detected_points`): half of the
+# variance lasts for half a second, the other half is Student-t with 4 degrees of freedom; and one point in thirty is not
+# found at all.
 
 # %%
 layout = LAYOUTS["body25"]
@@ -119,7 +119,7 @@ print(len(list(folder.rglob("*.json"))), "files")
 #
 #     poseppl track --keypoints camera_1=pose/camera_1 camera_2=pose/camera_2 ... --calibration Calib.toml --rate 30
 #
-# Before it tracks it tells what it found of the cameras. The one that was touched is named, and mended:
+# Before it tracks, it reports on the cameras. The one that was touched is named, and its pose is corrected:
 
 # %%
 found = scene_of_keypoints(folders, read_cameras(folder / "Calib.toml"), rate=walker.rate, layout="body25")
@@ -158,11 +158,11 @@ print(joints.positions.shape, joints.rate, "frames a second;", len(angles.column
 # %% [markdown]
 # ## 6. How good is it?
 #
-# Against the truth, and against weighted linear triangulation, which has the same mended cameras but knows no body, no motion,
-# and no intervals. Where a camera was touched nobody can tell whether it moved, or the others and the room: the mended
-# cameras, and the person with them, stand a little beside their true place. No angle knows of it, but places do, and their
-# intervals contain it. Places are compared as they are, and after the whole walk is laid onto the truth by one turn and one
-# shift, for which the intervals are wider than need be.
+# The result is compared with the truth, and with weighted linear triangulation. That has the same corrected cameras, but no
+# body, no motion and no intervals. If a camera was touched, the pictures do not show whether it moved, or the others and the
+# room. The corrected cameras, and the person with them, are therefore a little beside their true positions. Angles do not
+# depend on this; positions do, and their intervals include it. Positions are compared directly, and after the whole walk is
+# laid onto the truth by one turn and one shift. After the shift the intervals are wider than necessary.
 
 # %%
 seen = [joints.names.index(name) for name in found_by]
@@ -188,7 +188,7 @@ for name, estimate in (("triangulated", straight), ("smoothed", joints.positions
 
 low, high = np.minimum(lower.positions, upper.positions)[:, seen], np.maximum(lower.positions, upper.positions)[:, seen]
 held_in_room, held_laid = (((low <= known) & (known <= high)).mean() for known in (true_places, laid))
-print(f"90 % intervals of places hold {held_in_room:.0%} in the room, {held_laid:.0%} laid onto the truth")
+print(f"coverage of 90 % intervals of positions: {held_in_room:.0%} in the room, {held_laid:.0%} laid onto the truth")
 
 # %%
 coordinates, estimated = angle_estimates(smoothed)

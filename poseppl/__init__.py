@@ -1,8 +1,8 @@
 """Sequential Bayesian inference in high-dimensional state-space models written as NumPyro programs.
 
 A model is three programs; a filter is built for it and run over a sequence, with NaN where data are missing; the result is an
-xarray DataTree that ArviZ's functions take (before ArviZ 1 by ``to_arviz``). Who wants something else of a run than draws
-takes its parts: ``run_filter``, a collector such as ``collect_draws``, and ``result_of_run``.
+xarray DataTree that ArviZ's functions take (before ArviZ 1 by ``to_arviz``). If you need something other than draws, use the
+parts of a run: ``run_filter``, a collector such as ``collect_draws``, and ``result_of_run``.
 
 Example:
     >>> import jax, numpyro, numpyro.distributions as dist

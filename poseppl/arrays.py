@@ -1,4 +1,4 @@
-"""Types of NumPy arrays, by what they hold; shapes stand in docstrings."""
+"""Types of NumPy arrays, by their content; shapes stand in docstrings."""
 
 from __future__ import annotations
 

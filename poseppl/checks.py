@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from poseppl.errors import brief, cut
 
 _COUNTS = ("num_", "max_", "horizon")
-"""What the names of counts begin with."""
+"""The prefix of names of counts."""
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
 
 
@@ -21,8 +21,8 @@ class RangeError(ValueError):
 
     Attributes:
         setting: Its name, that of an argument.
-        value: What it was set to.
-        expected: What was expected.
+        value: Its value.
+        expected: The expected values, in words.
     """
 
     def __init__(self, setting: str, value: Any, expected: str) -> None:
@@ -76,7 +76,7 @@ def check_fraction(interval: Interval, **settings: float) -> None:
     """Refuse settings that are no fraction.
 
     Args:
-        interval: What is accepted; a round bracket leaves its end out.
+        interval: The accepted values; a round bracket leaves its end out.
         **settings: Values by name.
 
     Raises:

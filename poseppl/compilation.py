@@ -1,16 +1,16 @@
 """How functions are compiled: how many bits their numbers have, how exact their products are, and by how much they compute.
 
-On a GPU or TPU JAX rounds the factors of a product of float32 matrices to 10 bits or 7, unless told otherwise: covariances are
-then off in the third digit, and moves that are whitened by them leave another density invariant than the one asked for. What is
-compiled here multiplies as a CPU does, whatever the device, unless the user has set ``jax_default_matmul_precision``.
+On a GPU or TPU JAX rounds the factors of a product of float32 matrices to 10 bits or 7 by default: covariances are then off in
+the third digit, and moves that are whitened by them leave another density invariant than the one asked for. Programs compiled
+here multiply as a CPU does on every device, unless the user has set ``jax_default_matmul_precision``.
 
 XLA's fusion emitters for the CPU take a third of the time that compilation takes, and whole runs are no faster for them
 (`python -m benchmarks.fusion_emitters`). A bare loop over 100,000 particles is, by half of its time (`python
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
-keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
-optimisation makes runs as fast as its third, and takes less time (`python -m benchmarks.first_result --levels`). What runs once
-a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas, or of few numbers
-(`python -m benchmarks.compile_times` prints what they take to compile and to run). With JAX's option
+keep them, and smoothers, which compare particles in pairs, sooner than filters. For few numbers, LLVM's first level of
+optimisation makes runs as fast as its third, and takes less time (`python -m benchmarks.first_result --levels`). Programs that
+run once a sequence, such as a filter's `init`, have at most the first level. So have smoothers that are formulas, or of few
+numbers (`python -m benchmarks.compile_times` prints what they take to compile and to run). With JAX's option
 `jax_disable_most_optimizations` every program has level 0, whatever is chosen here: the tests compile in half of the time.
 
 >>> lowered = jit(lambda x: 2 * x).lower(1.5)
@@ -32,11 +32,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 _MARK = "_full_precision"
 MAX_PARTICLES = 10_000
-"""Of filters that are compiled without the emitters."""
+"""The largest number of particles of filters that are compiled without the emitters."""
 MAX_SMOOTHED = 1000
 """Particles of smoothers that are."""
 MAX_NUMBERS = 1000
-"""In the particles, as many as they are times their dimension, of programs of few numbers."""
+"""The largest number of entries (particles times dimension) of programs of few numbers."""
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 _LEVEL = "xla_backend_optimization_level"
 

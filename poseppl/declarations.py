@@ -1,4 +1,4 @@
-"""What a module of poseppl declares, read from its source without importing it: the command line checks words so, at once.
+"""Declarations of a module of poseppl, read from its source without importing it: the command line checks words so, at once.
 
 A function has its arguments and its docstring, and returns nothing; a NamedTuple has its fields; a constant its value, if it
 is made of such. Other classes, and what comes from other packages than ours, ``typing``, ``collections`` and ``functools``,
@@ -35,7 +35,7 @@ class Foreign:
 
 
 def declared(module: str, name: str) -> Any:
-    """What a module of poseppl declares under a name.
+    """The declaration of a name in a module of poseppl.
 
     Raises:
         AttributeError: It declares no such name.
@@ -53,7 +53,7 @@ def names_declared(module: str) -> list[str]:
 
 @cache
 def _folder(package: str) -> Path:
-    """Where a package is, which is not imported."""
+    """The folder of a package, which is not imported."""
     spec = find_spec(package)
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(package)

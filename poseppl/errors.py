@@ -1,4 +1,4 @@
-"""Errors that a user can mend: one message that says what is wrong, where, and what was expected."""
+"""Errors that a user can correct: one message that says what is wrong, where, and what was expected."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class InputError(PosepplError):
     """Bad input: a file, an option or an array that cannot be used.
 
     Args:
-        problem: What is wrong, in one sentence.
+        problem: The problem, in one sentence.
         file: The file that it was found in.
         line: The 1-based line in that file.
         field: The field, option, column or site.
-        expected: What was expected, and how to mend it.
+        expected: The expected input, and how to correct it.
     """
 
     def __init__(
@@ -111,8 +111,8 @@ class SettingError(InputError):
 
     Args:
         name: The setting, an argument of the algorithm.
-        value: What it was set to.
-        problem: What is wrong, or what was expected.
+        value: Its value.
+        problem: The problem, or the expected values.
     """
 
     def __init__(self, name: str, value: object, problem: str) -> None:

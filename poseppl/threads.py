@@ -1,7 +1,7 @@
 """Threads of JAX: more than there are cores, so that linear algebra in batches cannot wait for itself.
 
 In jaxlib 0.10 a batch of LAPACK calls, such as the Cholesky factors of many particles, waits inside the very pool of threads
-that is to compute it. Where as many such batches wait at once as the pool has threads, they wait for ever: on two cores, two
+that is to compute it. If as many such batches wait at once as the pool has threads, they wait for ever: on two cores, two
 are enough, such as the two halves of a matrix that a smoother of many points inverts. jaxlib takes the size of its pool from
 the environment variable NPROC when it starts, and the number of cores without. Importing poseppl sets it, unless it is set.
 """

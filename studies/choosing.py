@@ -1,4 +1,4 @@
-"""Which filter for which model: every filter on models of the kind that people bring, for docs/choosing.md.
+"""Which filter for which model: every filter on models of the kind that people bring, for docs/validation/filters.md.
 
     python -m studies.choosing [--quick] [--models NAMES] [--filters NAMES] [--seeds 3] [--frames 60] [--again]
         [--output choosing]

@@ -6,7 +6,7 @@
 The built-in walk and the recordings of random_walk.py, their markers seen by one simulated camera and by two, with default
 settings. Errors are mean distances of joints from the truth, mm. Coverage is that of the joints' 90 % intervals. Frames a
 second are of a run without its compilation; filters run in turns. Runs that OUTPUT/default_filter.csv has are not made again.
-The table in docs/choosing.md is made from studies/tables/default_filter.csv.
+The table in docs/validation/motion.md is made from studies/tables/default_filter.csv.
 """
 
 from __future__ import annotations

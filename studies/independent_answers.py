@@ -5,8 +5,8 @@
 Each model is filtered and smoothed. The answers are NumPy's and SciPy's in double precision: the joint Gaussian of a whole
 trajectory, or sums over all states of a chain, or over a fine grid. Of one quantity the table has the largest error of a
 filtered and of a smoothed mean, in standard deviations of the exact posterior, and that of the log-evidence of all data, nats.
-The models are those on which users of other libraries report trouble, and others that sample each kind of site. docs/checked.md
-is made from studies/tables/independent_answers.csv.
+The models are those on which users of other libraries report trouble, and others that sample each kind of site.
+docs/validation/models.md is made from studies/tables/independent_answers.csv.
 """
 
 from __future__ import annotations

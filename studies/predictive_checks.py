@@ -62,7 +62,7 @@ _COLUMNS = ("model", "filter", "seed", "frames", "coverage", "inflation", "error
 _KEY = 4
 _KINDS = {
     "prediction": "The data say",
-    "unreached": "In coordinates that the data hardly reach",
+    "unreached": "In weakly informed coordinates",
     "update": "The filter's posteriors",
 }
 """How errors begin that `--again` finds anew, by kind; all else is "other"."""

@@ -17,26 +17,40 @@ class Part(NamedTuple):
 
 
 PARTS = (
-    Part("Start", ("docs/quickstart", "notebooks/index")),
     Part(
-        "Guides",
+        "Tutorials",
         (
-            *(
-                "docs/your_model",
-                "docs/choosing",
-                "docs/keypoints",
-                "docs/formats",
-                "docs/likelihoods",
-                "studies/verdicts",
-                "docs/checked",
-            ),
-            "docs/security",
+            "docs/quickstart",
+            *(f"docs/tutorials/{name}" for name in ("smoothing", "sampler", "parameters", "forecasting")),
+            "docs/your_cameras",
+            "notebooks/index",
+        ),
+        "docs/tutorials/*.md",
+    ),
+    Part(
+        "How-to guides",
+        tuple(
+            f"docs/{name}" for name in ("your_model", "choosing", "verdicts", "keypoints", "points", "likelihoods", "opensim")
         ),
         "docs/*.md",
     ),
-    Part("Background", ("docs/conventions", "docs/compared", "docs/measurements", "docs/architecture")),
-    Part("Experiments", (), "docs/*/page.md"),
-    Part("Reference", ("algorithms", "reference/index", "CONTRIBUTING", "CHANGELOG")),
+    Part(
+        "Concepts",
+        tuple(f"docs/concepts/{name}" for name in ("models", "filters", "calibration", "motion")),
+        "docs/concepts/*.md",
+    ),
+    Part(
+        "Reference",
+        (
+            "command_line",
+            "reference/index",
+            "docs/algorithms",
+            *(f"docs/{name}" for name in ("formats", "conventions", "security", "glossary", "bibliography")),
+        ),
+    ),
+    Part("Validation", ("docs/validation/index",), "docs/validation/*.md"),
+    Part("Papers", ("docs/errata",), "docs/*/page.md"),
+    Part("Develop", ("CONTRIBUTING", "docs/architecture", "CHANGELOG")),
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from website.algorithms import index, title
+from website.algorithms import title
 from website.markup import plain
 from website.modules import PACKAGES, all_modules, alone, exports, first_sentence, modules_of
 
@@ -13,14 +13,14 @@ def pages() -> dict[str, str]:
     """Names and texts of the pages, in reStructuredText."""
     found = {f"reference/{package}.rst": _package(package) for package in PACKAGES}
     found |= {f"reference/{module}.rst": _module(module) for module in all_modules()}
-    return found | {"reference/index.rst": _index(), "algorithms.rst": index()}
+    return found | {"reference/index.rst": _index()}
 
 
 def _index() -> str:
     return "\n".join(
         [
-            *_title("Reference"),
-            "Every public name, from the docstrings. `objects.inv`, for links from other sites, is beside the landing page.",
+            *_title("Python"),
+            "All public names by package. Other sites can link to them by `objects.inv`, beside the landing page.",
             "",
             ".. toctree::",
             "   :maxdepth: 1",

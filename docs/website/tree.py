@@ -10,6 +10,7 @@ from collections.abc import Container
 from os.path import normpath, relpath
 from pathlib import Path
 
+from website.commands import page as commands_page
 from website.contents import index
 from website.reference import pages
 
@@ -26,7 +27,7 @@ def assemble(tree: Path) -> None:
     """Bring a folder up to date; files that have not changed are left alone, so that Sphinx reads them no second time."""
     wanted = {file.relative_to(ROOT): file.read_bytes() for pattern in COPIED for file in ROOT.glob(pattern)}
     wanted = {path: content for path, content in wanted.items() if "website" not in path.parts}
-    made = pages()
+    made = pages() | {"command_line.md": commands_page()}
     there = {*map(str, wanted), *made}
     wanted |= {path: relinked(path, text.decode(), there).encode() for path, text in wanted.items() if path.suffix == ".md"}
     wanted |= {Path(name): text.encode() for name, text in made.items()}

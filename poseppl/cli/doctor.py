@@ -19,12 +19,13 @@ from poseppl.files.cache_folder import cache_folder
 FOR_DEVELOPERS = ("dev", "opensim", "site", "test")
 """Extras that no command needs."""
 SERVES = {
-    "mocap": "recordings in C3D and BVH",
+    "mocap": "writing C3D: poseppl export --format c3d",
     "tables": "tables in Parquet, for poseppl run",
     "experiments": "poseppl reproduce",
     "vision": "track --video, masks, overlays",
     "motion-models": "poseppl fit-motion",
     "render": "simulate --video",
+    "rerun": "poseppl export --format rrd",
     "opensim": "tests of what is exported for OpenSim",
 }
 """The use of each extra; one that is not listed is shown all the same."""

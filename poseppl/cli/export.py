@@ -85,8 +85,8 @@ class WordsCommand(click.Command):
 def export(result: str, formats: tuple[str, ...], output: str | None, level: float, model: str | None, quiet: bool) -> None:
     """Write joints and angles with their intervals as files that OpenSim and other programs read.
 
-    RESULT is a file that poseppl track or smooth wrote. What the angles mean, and where they are OpenSim's, is on the page
-    "OpenSim's coordinates" of the documentation.
+    RESULT is a file that poseppl track or smooth wrote. The page "OpenSim and other programs" of the documentation
+    (docs/opensim.md) explains the angles and which of them are OpenSim's.
     """
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_folder

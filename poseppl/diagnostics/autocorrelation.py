@@ -50,7 +50,7 @@ def autocovariance(draws: Floats) -> Floats:
 def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
     """Autocorrelation of each quantity, averaged over its chains, about the mean of all of them.
 
-    Centring on the common mean lets chains that sit in different places show as correlated at every lag, as they are.
+    Centring on the common mean lets chains that sit in different places show as correlated at every lag.
 
     Args:
         draws: (chain, draw, ...).

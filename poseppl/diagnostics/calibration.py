@@ -104,8 +104,8 @@ def coverage(inside: ArrayLike | Sequence[ArrayLike], level: float, *, valid: Ar
 def reference_coverage(result: xr.DataTree, reference: xr.DataTree) -> Interval:
     """Share of a reference's draws in the 90 % intervals of a result, over frames and coordinates that are not known exactly.
 
-    Where the reference is right, as a particle filter of many effective particles is in few dimensions, this is the coverage to
-    expect of these data, and needs no truth. It tells what predictions of the data do not: an error in what the data hardly
+    If the reference is right, such as a particle filter with many effective particles in few dimensions, this is the expected
+    coverage for these data. It needs no truth. It shows what predictions of the data do not: an error in what the data hardly
     depend on, such as a distance by bearings or a sign.
 
     Args:

@@ -1,4 +1,4 @@
-"""Runs of the same data side by side: mixing, cost, error and coverage, who wins where, and variance against time.
+"""Runs of the same data side by side: mixing, cost, error and coverage, winners by coordinate, and variance against time.
 
 >>> from poseppl.runs.results import Names, build_result
 >>> rng = np.random.default_rng(0)
@@ -41,8 +41,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
     Models of other coordinates are compared by evidence and forecasts, and in the coordinates that they share.
 
     Args:
-        runs: Results by name, read one after another, so that a mapping that loads them need not hold them all.
-        files: Where each was read from, for messages.
+        runs: Results by name, read one after another, so that a mapping can load them one at a time.
+        files: The file of each, for messages.
 
     Returns:
         A tree of groups with the coordinates ``run``, ``frame``, ``state_dim``, ``level``, ``quantity`` and ``setting``:
@@ -52,14 +52,14 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
           ``error_over_sd``, harmonic means of ``ess``, ``ess_per_second`` and ``ess_per_evaluation``, the largest ``rhat``,
           and ``coverage`` with ``coverage_se`` by level; the same for all degrees of freedom together with ``_all`` behind
           the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
-          ``joint_error_relative_all``; and who is ``miscalibrated``, and left out of comparisons of ESS;
+          ``joint_error_relative_all``; and the runs that are ``miscalibrated``, and left out of comparisons of ESS;
         * ``winner`` and ``winner_by_state_dim``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
         * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`;
         * ``forecasts``: see :func:`poseppl.diagnostics.forecasts.forecasts_of_runs`.
 
-        The attributes ``frames`` and ``provenance`` hold, as JSON, how many frames there are and what each run was, and
-        ``other_cameras`` which runs saw the truth through other cameras than the first one.
+        The attributes are JSON: ``frames`` is the number of frames, ``provenance`` describes each run, and ``other_cameras``
+        lists the runs that saw the truth through other cameras than the first one.
 
     Raises:
         InputError: Fewer than two runs, or runs of different data.
@@ -134,11 +134,11 @@ def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
     """List a comparison, one row for each run, frame and degree of freedom.
 
     Args:
-        tree: Of :func:`compare`.
+        tree: The tree of :func:`compare`.
 
     Returns:
         Rows of ``run``, ``frame``, ``state_dim``, the figures by their names, ``inside_50``, ``inside_80`` and ``inside_90``;
-        figures of a whole frame are repeated on each of its rows. What a run has no figure for is None.
+        figures of a whole frame are repeated on each of its rows. None stands for a figure that a run does not have.
     """
     figures = tree["figures"].dataset
     inside = figures["inside"].assign_coords(level=[f"inside_{100 * q:.0f}" for q in figures["level"].values])

@@ -1,14 +1,13 @@
 """All diagnostics of a result, as one more group of its tree.
 
-For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim) and ``autocorrelation``
-(lag, frame, state_dim) come from the draws that the result holds: where the run kept every k-th draw, they refer to those.
-For weighted particles the stored draws are a resampled thinning and tell nothing of the kind; ``ess`` is the effective number
-of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
-``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are besides ``joint_error`` and
+For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim) and ``autocorrelation`` (lag,
+frame, state_dim) come from the draws in the result: where the run kept every k-th draw, they refer to those. For weighted
+particles the stored draws are a resampled thinning and contain no such information; ``ess`` is the effective number of each
+frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
+``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are also ``joint_error`` and
 ``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, state_dim), ``probability_transform`` (frame,
-                         state_dim), and the
-coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the state, and
-``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
+state_dim), and the coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the
+state, ``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
     """Add the group ``diagnostics`` to a result.
 
     Args:
-        tree: The result; left as it is.
+        tree: The result; not changed.
         max_lag: Largest lag of the autocorrelation.
 
     Returns:
-        The result with the group (a shallow copy), made anew if it was there.
+        The result with the group (a shallow copy), computed again if it was there.
 
     Raises:
         ValueError: The result is one of many series.

@@ -2,8 +2,9 @@
 
 A joint has low confidence where fewer than two cameras saw it, where a camera saw it far from its estimate, and where the
 posterior SD of its position is large. Joints are judged relative to the body: positions by the draws of joint minus root, image
-points after the median shift of all of a camera's points in the frame is taken off. What all joints share (a camera that is
-turned, a body whose depth is unknown) is listed once, as `WHOLE`. Joints that no camera ever saw are placed by the body alone.
+points after the median shift of all of a camera's points in the frame is taken off. A cause that all joints share (a camera
+that is turned, a body whose depth is unknown) is listed once, as `WHOLE`. Joints that no camera ever saw are placed by the body
+alone.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ WIDE = 60.0
 FAR = 4.0
 """A point that is off by more standard deviations than this has low confidence: of normal errors in the plane one in 3,000."""
 MIN_COMMON = 5
-"""Joints that are needed to tell what all of them share."""
+"""The number of joints needed to decide what all of them share."""
 WHOLE = "whole body"
 
 
@@ -77,7 +78,7 @@ class _Reason(NamedTuple):
 
 
 def doubts_of(tree: xr.DataTree) -> Doubts | None:
-    """Find the low confidence in a result; None where it holds no joints in space."""
+    """Find the low confidence in a result; None if it has no joints in space."""
     draws = draws_of(tree, "markers")
     if draws is None or variable(tree, "summary", "markers_sd") is None:
         return None
@@ -122,13 +123,13 @@ def _of_images(errors: ImageErrors) -> list[_Reason]:
 
 
 def _split(words: str, joints: Booleans, ever: Booleans) -> _Reason:
-    """What holds of all joints that are ever seen is said of the whole body, and of no joint."""
+    """A finding about all joints that are ever seen is reported for the whole body, and for no joint."""
     whole = joints[:, ever].all(axis=1) & (ever.sum() >= MIN_COMMON)
     return _Reason(words, joints & ~whole[:, None], whole)
 
 
 def _shift(errors: ImageErrors, seen: Booleans) -> Array:
-    """Median residual (T, C, 2) of a frame's points in each camera; 0 where too few are seen to tell."""
+    """Median residual (T, C, 2) of a frame's points in each camera; 0 if too few are seen to decide."""
     known = np.where((seen.sum(-1) >= MIN_COMMON)[..., None, None], errors.residual, 0.0)
     return np.asarray(np.nanmedian(known, axis=2))
 

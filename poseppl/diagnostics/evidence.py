@@ -1,14 +1,14 @@
 r"""The log-evidence of runs, with its Monte Carlo error, and which differences are more than chance.
 
-Where there are three runs or more of one setting and of different seeds, the error is their standard deviation. A single run
+With three or more runs of one setting and different seeds, the error is their standard deviation. A single run
 of a particle filter has that of its own frames,
 
     Var log p(z_1..T)  ~  sum over t of  (1 / ESS_t - 1 / N),
 
-the relative variance of each frame's mean weight (delta method), frames taken to err on their own; what a frame's particles
-owe to earlier choices is left out, so that it is somewhat low. A filter of a closed form has none. Chains, tempering and
-deterministic approximations do not tell theirs: run them with three seeds. Filters that seek a mode have no evidence, and
-neither have smoothers. Which it is, the filter says of itself (:class:`poseppl.filters.base.Filter`), and the result after it.
+the relative variance of each frame's mean weight (delta method), frames taken to err on their own; what a frame's particles owe
+to earlier choices is left out, so that it is somewhat low. A filter of a closed form has none. The error is unknown for chains,
+tempering and deterministic approximations: run them with three seeds. Filters that seek a mode have no evidence, and neither
+have smoothers. Which it is, the filter says of itself (:class:`poseppl.filters.base.Filter`), and the result after it.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def evidences(found: list[Evidence], figures: xr.Dataset) -> xr.Dataset:
     """Evidences of runs, with errors from replicates where there are enough.
 
     Args:
-        found: Of each run.
+        found: Evidence of each run.
         figures: The figures of all runs, with a dimension ``run``.
 
     Returns:

@@ -7,11 +7,11 @@ of :mod:`poseppl.runs.predictive` (`transfer`):
 
     X_t = K_t (X_(t-1) + 2 P_(t-1) / n) K_t'.
 
-Where that is not told, of up to ten coordinates and of more than 40, each coordinate is on its own, with (1 - s_t) a_t in place
-of K_t, s_t and a_t being the share that data can tell and the slope of :mod:`poseppl.diagnostics.unreached`. Of a body that
-would miss most: data tell of each coordinate, but not of what several have in common, such as the depth in one camera. A
-coordinate's inflation is 1 + sum X_t / sum P_t over frames. No chance is in it, so that it tells of short sequences, too. It
-is of first order in 1 / n.
+Without it, and for up to ten or more than 40 coordinates, each coordinate is treated by itself, with (1 - s_t) a_t in place of
+K_t, s_t and a_t being the share that data can explain and the slope of :mod:`poseppl.diagnostics.unreached`. For a body that
+would miss most: data inform each coordinate, but not what several have in common, such as the depth in one camera. A
+coordinate's inflation is 1 + sum X_t / sum P_t over frames. It has no random error, so it also works for short sequences. It is
+of first order in 1 / n.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 The score of draws X of a forecast and a datum y is CRPS = E|X - y| - E|X - X'| / 2, in the units of the datum: the absolute
 error of a forecast without spread, smaller for one that knows its own error, and least on average for the true predictive
-distribution (Gneiting and Raftery 2007, doi:10.1198/016214506000001437). Of S draws the second term is the mean over their
-pairs, so that few draws are not punished for being few (Ferro 2014, doi:10.1002/qj.2270).
+distribution (Gneiting and Raftery 2007, doi:10.1198/016214506000001437). For S draws the second term is the mean over their
+pairs, so that few draws have no penalty (Ferro 2014, doi:10.1002/qj.2270).
 
 >>> draws = np.random.default_rng(0).normal(size=(20_000, 1))
 >>> bool(abs(crps(draws, [0.0])[0] - (np.sqrt(2) - 1) / np.sqrt(np.pi)) < 0.01)
@@ -31,7 +31,7 @@ HINDCAST_LEVEL = 0.9
 
 
 class ForecastScore(NamedTuple):
-    """How well a forecast foretold one data site.
+    """Scores of a forecast of one data site.
 
     Attributes:
         crps: Continuous ranked probability score, of the site's shape with a leading H, in its units; NaN where
@@ -57,7 +57,7 @@ def score_forecast(
     """Score a forecast by the data that came.
 
     Args:
-        forecast: What :func:`poseppl.forecast` returned.
+        forecast: The forecast of :func:`poseppl.forecast`.
         data: Data by site, with a leading H; NaN where nothing was seen. Sites may be left out.
         levels: Nominal probabilities of the intervals.
 
@@ -89,7 +89,7 @@ def score_forecast(
 
 
 class HindcastScore(NamedTuple):
-    """How well every frame's forecast foretold one data site, by lead.
+    """Scores of every frame's forecasts of one data site, by lead.
 
     Attributes:
         crps: Mean score (H,), in the data's units, over starts and entries.
@@ -107,10 +107,10 @@ class HindcastScore(NamedTuple):
 
 
 def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, HindcastScore]:
-    """Score forecasts from all frames of a result by the data that it holds.
+    """Score forecasts from all frames of a result by its data.
 
     Args:
-        predicted: What :func:`poseppl.runs.forecasting.hindcast` returned.
+        predicted: The forecasts of :func:`poseppl.runs.forecasting.hindcast`.
         result: The result that they start from.
 
     Returns:
@@ -134,7 +134,7 @@ def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, Hin
 def _reach(inside: Booleans, seen: Booleans) -> float:
     """Deviation of the share (start, lead, ...) from its level that right forecasts exceed in at most 5 % of series.
 
-    Where forecasts are right, those from starts a horizon H apart are uncorrelated, so that of n starts the share has at most
+    If forecasts are right, those from starts a horizon H apart are uncorrelated. The share over n starts has therefore at most
     the variance of n / H uncorrelated means of a start. That of a mean is known about the level, which is given if they are
     right, and lies between that of independent trials and that of a single one.
     """
@@ -151,7 +151,7 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
 
     Args:
         result: The result.
-        predicted: What :func:`poseppl.runs.forecasting.hindcast` made of it.
+        predicted: Its forecasts by :func:`poseppl.runs.forecasting.hindcast`.
 
     Returns:
         The result with the group ``hindcasts`` (a shallow copy): ``crps``, ``crps_error``, ``coverage`` and ``coverage_se``

@@ -1,14 +1,14 @@
 """How far each camera's points are from where the posterior mean has them: noise and bias by camera, and over the frames.
 
-Where model and posterior are right, the posterior expectation of a point's squared distance from its projection averages to the
+If model and posterior are right, the posterior expectation of a point's squared distance from its projection averages to the
 square of its noise s (law of total variance), so that for the posterior's mean m and variance v of the projection
 
     E[(y - m)^2] = s^2 - v.
 
 The scale of a group of points is sqrt(sum (y - m)^2 / s^2 / sum (1 - v / s^2)): 1 when right, of filters and of smoothers, of
-linear models and others. Where v comes near s^2 the identity expects next to nothing, and a spread that is a little off, such
-as that of a Gaussian which the projection bends, says more of itself than of the noise: such points are left out, and counted.
-They are chosen by their spread, which in a linear Gaussian model no data change, so that the identity holds for the others.
+linear models and others. If v is close to s^2, the expected residual is close to zero. A small error of v, such as that of a
+Gaussian that the projection bends, then matters more than the noise: such points are left out, and counted. They are chosen by
+their spread, which in a linear Gaussian model no data change, so that the identity is valid for the others.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ MIN_SHARE = 0.25
 
 
 class ImageErrors(NamedTuple):
-    """What a result tells of its cameras.
+    """The errors of a result's cameras.
 
     Attributes:
         cameras: C names.
         residual: (T, C, K, 2) seen less expected, image units; NaN where a marker was not seen.
-        noise: (T, C, K) standard deviations that the model was given; NaN where the result does not tell.
+        noise: (T, C, K) standard deviations that the model was given; NaN if the result does not contain it.
         deviation: (T, C, K, 2) posterior standard deviations of the projections.
     """
 
@@ -91,7 +91,7 @@ class ImageErrors(NamedTuple):
 
 
 def image_errors(tree: xr.DataTree) -> ImageErrors | None:
-    """The errors in the images of a result; None where it holds no points of markers that were seen."""
+    """The errors in the images of a result; None if it has no points of markers that were seen."""
     seen, expected = variable(tree, "observed_data", "points"), mean_points(tree)
     if seen is None or expected is None or seen.shape != expected.shape or not np.isfinite(seen).any():
         return None

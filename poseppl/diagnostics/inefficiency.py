@@ -1,20 +1,19 @@
 r"""Inefficiency factors of Markov chains, effective sample sizes, split R-hat and Monte Carlo standard errors.
 
 The mean of N draws of a Markov chain has the variance ``tau / N`` times that of the target (Choo and Fleet 2001, Eq. 8, DOI
-10.1109/ICCV.2001.937643): ``tau`` draws are worth one independent draw. Two estimates stand beside each other:
+10.1109/ICCV.2001.937643): ``tau`` draws are worth one independent draw. There are two estimates:
 
 * ``inefficiency``: N / ESS for the mean, one over the relative effective sample size, exactly as
   ``arviz_stats.base.array_stats.ess(..., method="mean")`` has it: halved chains and Geyer's initial monotone sequence
   (Vehtari et al. 2021, DOI 10.1214/20-BA1221). It is floored at ``1 / log10(N)``.
 * ``windowed_inefficiency``: ``1 + 2 sum (1 - k/n) rho_k`` over lags ``k`` up to the smallest ``w >= 5 tau(w)`` (Sokal 1997),
-  which has no floor. Where that falls below 1 the lags are those of Geyer's initial positive sequence, for antithetic chains;
+  which has no floor. If that falls below 1, the lags are those of Geyer's initial positive sequence, for antithetic chains;
   where chains are too short for such a window all lags count, and it cannot exceed the chain's length.
 
 ArviZ's ``ess`` and ``rhat`` loop over quantities, of which a minute of tracking has fifty thousand: some 9 s of processor time
 where the functions here, on ArviZ's autocovariance, take 2 s (``python -m benchmarks.diagnostics`` prints the ratios; ArviZ's
-numba variant leaves these loops as they are). Both agree to rounding (tests/diagnostics/test_inefficiency.py). All but
-``mixing`` take ArviZ's data, too, a DataTree, Dataset or DataArray with dimensions ``chain`` and ``draw``, and give such
-without these.
+numba variant does not change these loops). Both agree to rounding (tests/diagnostics/test_inefficiency.py). All but ``mixing``
+take ArviZ's data, too, a DataTree, Dataset or DataArray with dimensions ``chain`` and ``draw``, and give such without these.
 
 >>> draws = np.random.default_rng(0).standard_normal((4, 5000, 2))
 >>> inefficiency(draws).round(1).tolist(), split_rhat(draws).round(2).tolist()

@@ -30,7 +30,7 @@ from poseppl.runs.contents import draws_of, frame_numbers, names_of
 MIN_APART = 4.0
 """D of two modes."""
 MIN_SHARE, MIN_DRAWS = 0.05, 10
-"""Of all draws, that a mode has."""
+"""Share of all draws that a mode has at least."""
 MAX_MODES = 4
 _AXES = 3
 _ROUNDING = 1e-3
@@ -45,7 +45,7 @@ class Modes(NamedTuple):
         masses: Probability of each mode (T, K); 0 where a frame has fewer.
         means: Mean of each mode's draws (T, K, ...): of the markers, mm, or of the state where there are none; NaN where a
             frame has fewer.
-        names: What the first dimension of a mean is of: names of markers or coordinates.
+        names: The first dimension of a mean: names of markers or coordinates.
     """
 
     frames: Integers
@@ -96,7 +96,7 @@ def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
 
 
 def _features(draws: Array) -> Array:
-    """What modes are sought in: standardised states (N, k), or of markers (N, K, 3) the centre, and the rest relative to it."""
+    """The space of the search for modes: standardised states (N, k); for markers (N, K, 3) the centre and offsets from it."""
     if draws.ndim == 2:
         return np.asarray(draws / np.maximum(draws.std(0), 1e-12))
     centre = draws.mean(1)

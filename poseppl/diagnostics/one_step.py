@@ -7,8 +7,8 @@ and Vehtari 2020, doi:10.1080/00949655.2020.1783262, with nothing refitted, as f
     arviz.compare({"trend": one_step_elpd(trend), "level": one_step_elpd(level)})
 
 ``arviz.loo`` of draws of states has to take each datum back out of the very state that it was seen of, by importance weights
-whose variance is infinite where a datum says more of its state than all others do. Then it is far too high, and cannot tell
-models apart; its Pareto k says so.
+whose variance is infinite where a datum says more of its state than all others do. Then it is far too high, and cannot
+distinguish models; its Pareto k says so.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ def one_step_elpd(result: xr.DataTree) -> Any:
         nothing was fitted to what is predicted.
 
     Raises:
-        InputError: The filter has no evidence, the result holds no data, or a frame's data were impossible.
+        InputError: The filter has no evidence, the result has no data, or a frame's data were impossible.
     """
     stats, data = group_of(result, "sample_stats"), group_of(result, "observed_data")
     if "log_evidence" not in stats or provenance(result).get("evidence") == "none":
         raise InputError("the result has no evidence of its frames", expected="that of a filter with one, such as particle")
     if not data.data_vars:
-        raise InputError("the result holds no data", field="observed_data", expected="the data that were filtered")
+        raise InputError("the result has no data", field="observed_data", expected="the data that were filtered")
     evidence = stats["log_evidence"].astype(float)
     seen = [values.notnull().any([dim for dim in values.dims if dim not in evidence.dims]) for values in data.values()]
     terms = evidence.stack(point=evidence.dims).values[np.any([each.stack(point=evidence.dims) for each in seen], axis=0)]

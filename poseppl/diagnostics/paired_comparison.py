@@ -5,13 +5,13 @@ seconds / ESS and ``ess_per_evaluation`` by evaluations / ESS, the cost of one e
 in ESS, so that its average is); ``error`` is the distance of a coordinate's mean from the truth. For all coordinates together
 that is the mean joint error in mm; without markers the mean over coordinates of the error over that of all runs.
 
-The run of the smallest mean loss is the best. Every other run is held against it on the same frames
+The run of the smallest mean loss is the best. Every other run is compared with it on the same frames
 (:func:`poseppl.diagnostics.batches.log_ratio`): one whose ratio lies outside of its 95 % interval about 1 has lost; the others
 are not worse. The best has won if it is alone; several are a tie. Runs without a figure do not take part, frames without it for
 a run that does are left out for all, and with fewer than two runs there is no comparison. The time of a run is one measurement,
 whose own noise the frames do not show: for ``ess_per_second`` the ends of the interval are 10 % further off. A single frame
-cannot tell: all who take part in it tie.
-A run whose 90 % intervals cover less than 75 % of the truth by more than two standard errors is left out of the comparisons
+decides nothing: all runs that take part in it tie. A run whose 90 % intervals cover less than 75 % of the truth by more than
+two standard errors is left out of the comparisons
 of ESS: draws of a wrong posterior are worth nothing, however many.
 """
 
@@ -28,11 +28,11 @@ from poseppl.diagnostics.batches import log_ratio
 QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
 TIE = "tie"
 MIN_COVERAGE = 0.75
-"""Of 90 % intervals, below which a run is left out of comparisons of ESS."""
+"""Coverage of 90 % intervals below which a run is left out of comparisons of ESS."""
 TIMING_NOISE = 0.1
 """Relative error of a time, by which the same run differs from one call to the next on a busy machine."""
 _MIN_SHARE = 0.5
-"""Of the frames that a run needs a figure for, to take part."""
+"""Share of the frames for which a run needs a figure, to take part."""
 
 
 class PairedComparison(NamedTuple):
@@ -90,7 +90,7 @@ def compare_quantities(figures: xr.Dataset, miscalibrated: xr.DataArray) -> tupl
 
     Args:
         figures: The figures of all runs, with a dimension ``run``.
-        miscalibrated: (run,) who does not take part where it is about ESS.
+        miscalibrated: (run,) whether a run is left out of comparisons of ESS.
 
     Returns:
         Two datasets over ``quantity``, the first for all degrees of freedom together, the second for each ``state_dim``:

@@ -98,7 +98,7 @@ def check_parameters(
     Args:
         params: Draws by name, (chain, draw, ...), such as `mcmc.get_samples(group_by_chain=True)` of NumPyro; or ArviZ's
             tree of them, whose posterior is judged.
-        predictions: What :func:`predictions_under` found; mixing alone is judged without.
+        predictions: The findings of :func:`predictions_under`; mixing alone is judged without.
 
     Returns:
         Findings, errors first; none where no problem is detected.

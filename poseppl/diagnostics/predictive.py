@@ -2,7 +2,7 @@ r"""Predictive checks of a filter: how much larger its errors are than it claims
 
 An innovation z = y - E[y | past] has the error e of the predicted state in it and the noise of the data. The filter claims that
 e has the variance P (``state_variance``) and the noise R (``noise_variance``); let rho be the true variance of e over P, and
-G = P / (P + R) the gain. With standardised innovations z / sqrt(P + R), two moments tell rho:
+G = P / (P + R) the gain. With standardised innovations z / sqrt(P + R), two moments determine rho:
 
 * their square:       E[z_t^2] = 1 + G (rho - 1),
 * their products:     E[z_t z_(t-1)] ~ G (1 - G) (rho - 1),
@@ -13,14 +13,14 @@ where the state is less certain than the data, the second also where the noise h
 entries and frames, with standard errors by batches of frames, and joined by inverse variance. Innovations are cut off at
 four standard deviations, so that a few gross errors do not decide.
 
-Where the predictions hold, the ranks u_t of the innovation chi-square are uniform and independent, exactly, so that Fisher's
+If the predictions are right, the ranks u_t of the innovation chi-square are uniform and independent, exactly, so that Fisher's
 sum -2 sum log(1 - u_t) has the chi-square distribution of 2 T degrees of freedom (Fisher 1932, section 21.1): `chance` is the
-probability of frames that come out as far as these or farther. It needs no batches, and tells in short sequences too. What the
-innovation chi-square is over its mean, less 1, over the state's share in that mean, is rho - 1 again: of errors that no entry
-shows by itself, such as those of a filter that has lost the mode it should be in.
+probability of frames that come out as far as these or farther. It needs no batches, and works for short sequences, too. The
+innovation chi-square over its mean, less 1, divided by the state's share in that mean, is rho - 1 again: of errors that no
+entry shows by itself, such as those of a filter that has lost the mode it should be in.
 
 A rho below 1 judges predictions, not the states after their data: of a gain near 1 these hardly depend on the prediction.
-Products tell what is too large. With kappa, the true variance of the noise over the claimed one, E[z_t z_(t-1)] is
+Products show what is too large. With kappa, the true variance of the noise over the claimed one, E[z_t z_(t-1)] is
 G (1 - G) (rho - kappa): a transition that is too wide makes neighbouring innovations unlike, noise that is too wide makes them
 alike. So does motion that is steadier than the transition, whose innovations are autocorrelated; there intervals of the states
 may be right or too narrow. `chance_low` is the lower tail of -2 sum log u_t: innovations smaller than predicted.
@@ -45,7 +45,7 @@ from poseppl.runs.predictive import DataPrediction
 _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""
 _MAX = 4.0
-"""What a frame's innovation chi-square, over its mean, is cut off at."""
+"""The largest innovation chi-square of a frame, over its mean, that counts."""
 _OUTER = 0.1
 """Probability of the outer tails."""
 _MIN = 1e-6
@@ -59,11 +59,11 @@ class PredictiveFigures(NamedTuple):
         inflation: rho, the variance of the state's errors over the claimed one; 1 is right.
         by_squares: rho by the innovations' squares alone.
         by_products: rho by the products of neighbouring innovations alone.
-        by_chi_square: rho by all entries of a frame at once; NaN where predictions do not tell the state's share.
+        by_chi_square: rho by all entries of a frame at once; NaN if the state's share in the predictions is unknown.
         outer: Share of the data in the outer 10 % of their predictive distributions.
         high: Share of the data above their predictive median.
         chi_square: Innovation chi-square over its expectation, averaged over the frames.
-        chance: Probability of innovations as large as these or larger where the predictions hold; NaN where nothing was seen.
+        chance: Probability of innovations as large as these or larger if the predictions are right; NaN where nothing was seen.
         chance_low: Probability of innovations as small as these or smaller.
     """
 
@@ -112,7 +112,7 @@ def implied_coverage(inflation: float) -> float:
 def farthest_stretch(prediction: DataPrediction) -> tuple[int, int]:
     """First and last of the frames in a row, of those with data, that stand out most by the ranks of their chi-squares.
 
-    It is where the sum of -log(1 - u_t) - 2 is largest; a term is -1 on average where predictions hold.
+    It is where the sum of -log(1 - u_t) - 2 is largest; a term is -1 on average if predictions are right.
     """
     ranks = np.asarray(prediction.chi_square_transform, np.float64)
     surprise = np.where(np.isfinite(ranks), _surprise(ranks) - 2, 0.0)

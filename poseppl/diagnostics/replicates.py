@@ -60,7 +60,7 @@ def _point(runs: xr.Dataset, reference: xr.DataArray) -> xr.Dataset:
 
 
 def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
-    """Indices of the runs of each setting; one that does not tell its setting is alone, and a seed counts once."""
+    """Indices of the runs of each setting; a run without a known setting is a group of its own, and a seed counts once."""
     found: dict[str, dict[str, int]] = {}
     for index, (setting, seed) in enumerate(zip(figures["setting"].values, figures["seed"].values, strict=True)):
         known = str(setting) != "{}" and str(seed)
@@ -69,7 +69,7 @@ def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
 
 
 def _spread(runs: xr.Dataset, reference: xr.DataArray) -> tuple[Spread, Spread]:
-    """Of all degrees of freedom together, and of each."""
+    """Variance of all degrees of freedom together, and of each."""
     if runs.sizes["run"] > 1:
         squares = (runs["mean"] - runs["mean"].mean("run", skipna=False)) ** 2 / reference
         return _between(squares.mean(("frame", "state_dim")).values), _between(squares.mean("frame").values)

@@ -1,23 +1,19 @@
 r"""The figures of one run for a comparison, each over frames and degrees of freedom, NaN where a run has none.
 
 =========================  ==============================================================================================
-``tau`` (frame, state_dim)       Inefficiency factor: for chains draws / ESS as ArviZ has it, from the draws that the result
-                           holds; for weighted particles their number over the effective number of their weights (Choo
-                           and Fleet 2001, Eq. 6), the same for every degree of freedom.
-``ess``                    Draws, or particles, over tau. The ESS of weights cannot see that particles share an ancestor.
-``ess_per_second``         ESS over the seconds of a frame: those of all frames, without compilation, over their number. A
-                           smoother's seconds are its own, without those of its filter.
-``ess_per_evaluation``     ESS over the evaluations of the likelihood and of its gradient at the frame.
-``rhat``                   Split R-hat, where there are two chains or more.
-``rejection`` (frame,)     1 - acceptance rate of the chains' moves.
-``evaluations`` (frame,)   Evaluations of the likelihood and of its gradient.
-``mean``, ``sd``           Of the posterior, over all draws or particles, in the unit of the coordinate (mm or radians).
-``error``                  \|mean - truth\|, in the unit of the coordinate.
-``error_over_sd``          The same over the posterior standard deviation.
-``inside`` (level, ...)    1 where the truth lies in the central interval, 0 where not; NaN for clamped coordinates.
-``joint_error`` (frame,)   Distance of the mean markers from the truth, averaged over the markers, mm.
-``joint_error_relative``   The same after the root marker is moved onto its truth.
-=========================  ==============================================================================================
+``tau`` (frame, state_dim)       Inefficiency factor: for chains draws / ESS as ArviZ has it, from the draws in the result; for
+weighted particles their number over the effective number of their weights (Choo and Fleet 2001, Eq. 6), the same for every
+degree of freedom. ``ess``                    Draws, or particles, over tau. The ESS of weights cannot see that particles share
+an ancestor. ``ess_per_second``         ESS over the seconds of a frame: those of all frames, without compilation, over their
+number. A smoother's seconds are its own, without those of its filter. ``ess_per_evaluation``     ESS over the evaluations of
+the likelihood and of its gradient at the frame. ``rhat``                   Split R-hat, where there are two chains or more.
+``rejection`` (frame,)     1 - acceptance rate of the chains' moves. ``evaluations`` (frame,)   Evaluations of the likelihood
+and of its gradient. ``mean``, ``sd``           Of the posterior, over all draws or particles, in the unit of the coordinate (mm
+or radians). ``error``                  \|mean - truth\|, in the unit of the coordinate. ``error_over_sd``          The same
+over the posterior standard deviation. ``inside`` (level, ...)    1 where the truth lies in the central interval, 0 where not;
+NaN for clamped coordinates. ``joint_error`` (frame,)   Distance of the mean markers from the truth, averaged over the markers,
+mm. ``joint_error_relative``   The same after the root marker is moved onto its truth. =========================
+==============================================================================================
 
 Methods that approximate the posterior by a formula and draw from that have no Monte Carlo error in their means, and no tau, ESS
 or R-hat; they say so themselves (``closed_form`` of a filter or smoother), and their results after them.
@@ -74,12 +70,12 @@ def kind_of_run(tree: xr.DataTree) -> str:
 
 
 def is_sampled(tree: xr.DataTree) -> bool:
-    """Whether a result's means have Monte Carlo error, of which inefficiency factors and effective numbers tell."""
+    """Whether a result's means have Monte Carlo error, which inefficiency factors and effective numbers describe."""
     return kind_of_run(tree) != FORMULA
 
 
 def described(known: dict[str, Any]) -> dict[str, str]:
-    """Method, setting and seed of a run, from its provenance: empty words where it does not tell."""
+    """Method, setting and seed of a run, from its provenance: empty if it is unknown."""
     method = str(known.get("smoother") or known.get("filter") or "")
     names = ("model", "filter", "settings", "silhouettes", "smoother", "smoother settings")
     setting = {name: known[name] for name in names if known.get(name) is not None}

@@ -20,7 +20,7 @@ from poseppl.diagnostics.verdicts import frame_ranges
 from poseppl.runs.contents import arrays_of, frame_numbers, group_of, names_of
 
 _TOLERANCE = 1e-5
-"""Of the largest observed value: above what a text file rounds off, far below any noise."""
+"""Tolerance, as a share of the largest observed value: above what a text file rounds off, far below any noise."""
 
 
 class Data(NamedTuple):

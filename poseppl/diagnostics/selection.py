@@ -44,7 +44,7 @@ def frame_index(tree: xr.DataTree, frame: int | None) -> int:
 
 
 def told(tree: xr.DataTree, name: str) -> dict[str, Any]:
-    """A table of a result's provenance, such as its settings, by name; empty where the result does not tell."""
+    """A table of a result's provenance, such as its settings, by name; empty if the result does not contain it."""
     found = provenance(tree).get(name)
     return found if isinstance(found, dict) else {}
 

@@ -48,7 +48,7 @@ class Calibration(NamedTuple):
 
     Attributes:
         ranks: Randomised ranks (simulation, frame, coordinate), in (0, 1); of parameters one frame.
-        names: Of the coordinates.
+        names: Names of the coordinates.
         bias: Mean of u - 1/2 by coordinate; positive where the posterior is too low.
         bias_error: Its standard errors.
         excess: Mean of 12 (u - 1/2)^2 - 1 by coordinate; positive where the posterior is too narrow.
@@ -97,11 +97,11 @@ def calibrate(
         num_frames: Frames T of each simulation.
         num_simulations: Simulations S, at least 20.
         inputs: Inputs with a leading T, the same for all simulations; None where the model takes none.
-        truth: What draws states and data, a model of the same sites; the model itself if None. With another one it is asked
+        truth: The model that draws states and data, with the same sites; the model itself if None. With another one it is asked
             whether a mistake in the model would be noticed.
         num_draws: Draws L that the truth is ranked among.
         chunk: Simulations at a time.
-        progress: Who is told how many simulations are done.
+        progress: Called with the number of simulations that are done.
 
     Returns:
         The ranks of the filtered states, and whether they are uniform.
@@ -142,7 +142,7 @@ def calibrate_parameters(
         num_frames: Frames T of each simulation.
         num_simulations: Simulations S, at least 20.
         inputs: Inputs with a leading T; None where the model takes none.
-        progress: Who is told how many simulations are done.
+        progress: Called with the number of simulations that are done.
 
     Returns:
         The ranks of the parameters, and whether they are uniform.

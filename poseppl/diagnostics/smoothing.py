@@ -1,13 +1,13 @@
 r"""Figures of a smoothed result without a truth: its draws against the model, and its moments against the filter's.
 
-Of a smoother and a model that are right, squared residuals of the data and squared steps of the draws are on average what the
-model expects (:mod:`poseppl.runs.posterior_checks`). Of a smoother and a filter that are right, means m and variances P obey
+If smoother and model are right, squared residuals of the data and squared steps of the draws average to what the model expects
+(:mod:`poseppl.runs.posterior_checks`). If smoother and filter are right, means m and variances P obey
 
     E[(m_s - m_f)^2] = P_f - P_s
 
-(law of total variance, given the data that the filter knew), whatever their distributions. Where the smoothed means lie
-farther from the filter's than this, or nearer, by D = sum (m_s - m_f)^2 - (P_f - P_s), the smoothed means err by more than they
-claim, or the variance is smaller than what the later data can have left. Coordinates are weighed by their filtered variance,
+(law of total variance, given the data that the filter knew), whatever their distributions. If the smoothed means differ from
+the filter's by more than this, or by less, D = sum (m_s - m_f)^2 - (P_f - P_s), the smoothed means have larger errors than
+reported, or the variance is smaller than what the later data can have left. Coordinates are weighed by their filtered variance,
 and what the Monte Carlo errors of both means add to D is taken off.
 """
 
@@ -32,7 +32,7 @@ UNKNOWN = Interval(float("nan"), float("nan"), float("nan"))
 
 
 class SmoothingFigures(NamedTuple):
-    """Figures of a sequence; NaN where a result does not tell.
+    """Figures of a sequence; NaN if the result does not contain it.
 
     Attributes:
         data: Squared residuals of the data over what the draws expect; 1 is right.
@@ -93,7 +93,7 @@ def _distance(tree: xr.DataTree) -> Interval:
 
 
 def _effective(draws: Floats | None) -> Floats:
-    """Effective numbers (T, 1), infinite where they are not told."""
+    """Effective numbers (T, 1), infinite if they are unknown."""
     if draws is None:
         return np.full((1, 1), np.inf)
     numbers: Floats = np.maximum(np.nan_to_num(np.asarray(draws, np.float64), nan=np.inf), 1.0)

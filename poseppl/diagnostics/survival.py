@@ -29,7 +29,7 @@ def survival(ancestors: ArrayLike) -> Integers:
     """Number of particles of each frame that have a descendant in the last one.
 
     Args:
-        ancestors: (frame, particle); row t holds the indices of the parents, at frame t - 1, of the particles of frame t. The
+        ancestors: (frame, particle); row t has the indices of the parents, at frame t - 1, of the particles of frame t. The
             first row is not used.
 
     Returns:

@@ -1,15 +1,15 @@
-r"""Coordinates that the data hardly reach: whether a filter claims to learn there what no data tell it.
+r"""Weakly informed coordinates: whether a filter claims to learn there without information in the data.
 
-Of a filter that is right, the posterior's mean m_t and variance P_t of any coordinate obey, given the frames before,
+If a filter is right, the posterior's mean m_t and variance P_t of any coordinate obey, given the frames before,
 
     E[P_t] + Var(m_t) = Q_t,
 
-Q_t being the predicted variance (law of total variance). Of Q_t the frame's data take away no more than a share s_t, which
-their Fisher information tells before they come (the posterior Cramer-Rao bound, Tichavsky, Muravchik and Nehorai 1998,
-doi:10.1109/78.668800, of Gaussian predictions). Where s_t is next to nothing, P_t has to stay at Q_t and m_t at the predicted
-mean p_t. A filter of too few particles loses variance there by chance, while its mean drifts, and both look as if it had
-learned. So its errors have a variance beyond P_t by an excess X_t, which the next frame inherits in the measure in which a
-coordinate remembers itself, by a slope a_t:
+Q_t being the predicted variance (law of total variance). The frame's data reduce Q_t by at most a share s_t, which follows from
+their Fisher information before they come (the posterior Cramer-Rao bound, Tichavsky, Muravchik and Nehorai 1998,
+doi:10.1109/78.668800, of Gaussian predictions). If s_t is close to zero, P_t must stay at Q_t and m_t at the predicted mean
+p_t. A filter of too few particles loses variance there by chance, while its mean drifts, and both look as if it had learned. So
+its errors have a variance beyond P_t by an excess X_t, which the next frame inherits in the measure in which a coordinate
+remembers itself, by a slope a_t:
 
     X_t = ((1 - s_t) a_t)^2 X_(t-1) + (Q_t - P_t - s_t Q_t) + ((m_t - p_t)^2 - s_t Q_t - e_t^2),
 
@@ -29,17 +29,17 @@ from poseppl.diagnostics.batches import Interval, ratio_interval
 from poseppl.runs.predictive import StatePrediction
 
 HARDLY = 0.1
-"""Share of a coordinate's predicted variance, up to which a frame's data hardly reach it."""
+"""Share of a coordinate's predicted variance, up to which it is weakly informed by a frame's data."""
 
 
 class UnreachedFigures(NamedTuple):
-    """Figures of the coordinates that a sequence's data hardly reach.
+    """Figures of the weakly informed coordinates of a sequence.
 
     Attributes:
         coordinates: Which they are, booleans (d,).
         inflation: Variance of their errors over the claimed one; 1 is right.
         lost: Share of their predicted variance that the filter gives away in a frame.
-        explained: Share that the data can tell.
+        explained: Share that the data can explain.
     """
 
     coordinates: Booleans
@@ -51,7 +51,7 @@ class UnreachedFigures(NamedTuple):
 def weakly_observed_stats(
     prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
 ) -> UnreachedFigures | None:
-    """Compare a filter's posterior with its own prediction where the data hardly reach.
+    """Compare a filter's posterior with its own prediction in weakly informed coordinates.
 
     Args:
         prediction: With a leading T.

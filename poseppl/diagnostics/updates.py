@@ -2,10 +2,10 @@ r"""Whether a filter's posterior is what its own prediction and the frame's data
 
 Draws of the state after frame t - 1, moved by the transition and weighted by the likelihood of frame t's data, are draws of the
 posterior that follows from what the filter itself knew before (importance sampling from the prediction). Their mean w_t and
-covariance W_t estimate those of a posterior of which the filter tells m_t and P_t. Where its updates are right both agree; a
-filter that linearises too boldly, or takes a frame's data in twice, is too sure, or elsewhere. The next frame inherits both by
-K_t, what an error in the state before makes after the frame's data, so that a small displacement in each frame, always to one
-side, adds up,
+covariance W_t estimate those of the posterior, for which the filter reports m_t and P_t. If its updates are right, both agree;
+a filter that linearises too boldly, or counts a frame's data twice, is overconfident or biased. The next frame inherits both
+by K_t, what an error in the state before makes after the frame's data, so that a small displacement in each frame, always to
+one side, adds up,
 
     C_t = K_t C_(t-1) K_t' + W_t - P_t,
     D_t = K_t D_(t-1) + w_t - m_t,
@@ -13,12 +13,12 @@ side, adds up,
 
 V_t being the covariance that D_t has by chance, with the effective numbers n_t of the weighted draws and N_t of the filter's
 own. Its errors have the variances diag(P_t + C_t + D_t D_t' - V_t) instead of diag P_t: the inflation of a coordinate is the
-ratio of their sums over frames, of which the mean over coordinates is told. How large it comes out by chance is simulated.
-A filter that makes less of its data than it could, and says so, is displaced by the data's chance, far in some frames and not
-in others; so there is an error by batches of frames, too. Frames in which few draws carry the weight tell nothing, and nor do
-states of more than ten coordinates: innovations tell more there.
+ratio of their sums over frames, and its mean over coordinates is reported. How large it comes out by chance is simulated. A
+filter that makes less of its data than it could, and says so, is displaced by the data's chance, far in some frames and not in
+others; so there is an error by batches of frames, too. Frames in which few draws carry the weight are not used, nor are states
+of more than ten coordinates: innovations show more there.
 
-Of shapes moments tell little: between two modes lies the mean, and the variance is right, of a Gaussian that holds neither. So
+Moments say little about shapes: a Gaussian between two modes has the right mean and variance, and covers neither mode. So
 it is counted, too, how many of the weighted draws are in the filter's 90 % intervals, which an exact update makes 90 %.
 """
 
@@ -34,7 +34,7 @@ from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
 from poseppl.runs.predictive import StatePrediction
 
 MIN_DRAWS = 10.0
-"""Effective number of weighted draws below which a frame tells nothing."""
+"""Effective number of weighted draws below which a frame is not used."""
 _SIMULATIONS = 400
 
 
@@ -45,7 +45,7 @@ class UpdateFigures(NamedTuple):
         inflation: Variance of errors over the claimed one (d,); 1 is right.
         chance: Share of simulated sequences of right updates whose mean inflation is at least as large.
         over_frames: Mean inflation over coordinates, with its error by batches of frames.
-        frames: How many frames tell.
+        frames: The number of frames that are used.
     """
 
     inflation: Floats
@@ -95,7 +95,7 @@ def update_figures(
 
 
 def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike) -> tuple[int, Interval]:
-    """Share of the predicted states, weighted by the data's likelihood, in a filter's intervals, and how many frames tell.
+    """Share of the predicted states, weighted by the data's likelihood, in a filter's intervals, and the number of frames used.
 
     Args:
         prediction: With a leading T.
@@ -105,7 +105,7 @@ def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
     draws, below, above = (np.asarray(leaf, np.float64) for leaf in (prediction.weighted_draws, low, high))
     inside = ((below[:, None] <= draws) & (draws <= above[:, None])).mean(axis=1)
     tells = np.asarray(prediction.weighted_ess) >= MIN_DRAWS
-    # finite sites have no share, of which intervals hold more than they say
+    # finite sites have no share: their intervals cover more than their level
     known = tells[:, None] & np.isfinite(prediction.explained) & (below < above)
     return int(tells.sum()), mean_interval(np.where(known, inside, np.nan))
 

@@ -23,7 +23,7 @@ def read_array(path: FilePath, *, max_values: int) -> NDArray[Any]:
         max_values: The largest number of values that is read.
 
     Raises:
-        InputError: The file is missing, damaged, too large, or holds no numbers.
+        InputError: The file is missing, damaged, too large, or has no numbers.
     """
     source, at = check_file(path, max_bytes=8 * max_values + 2**16), Location(path)
     try:

@@ -1,9 +1,9 @@
 """Writing files so that a reader never sees half of one.
 
-A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name,
-flushed with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or
-Ctrl-C, leaves the old file as it was. What a killed writer leaves under its temporary name, the next writer of the file
-removes: writers hold a lock, which dies with them.
+A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name, flushed
+with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or Ctrl-C,
+leaves the old file as it was. Leftovers of a killed writer under its temporary name are removed by the next writer of the file:
+writers have a lock, which ends with them.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def remove_strays(folder: Path, stem: str, suffix: str = "", min_age: float = _S
     """Remove the temporary files and folders of writers that were killed.
 
     Args:
-        folder: Where the files are.
+        folder: The folder of the files.
         stem: Pattern of their names without suffix, as ``glob`` takes it.
         suffix: Pattern of their suffix.
         min_age: Seconds since they were written to, at least: a writer takes its lock after it has made the file.

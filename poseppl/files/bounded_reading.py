@@ -80,11 +80,11 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
         The text, without a byte-order mark, with line ends as newlines.
 
     Raises:
-        InputError: The file cannot be read, is empty, too large, has too many lines, or holds binary data.
+        InputError: The file cannot be read, is empty, too large, has too many lines, or contains binary data.
     """
     text = _decoded(read_bytes(path, max_bytes=max_bytes))
     if "\0" in text:
-        raise Location(path).error("the file holds binary data", "a text file")
+        raise Location(path).error("the file contains binary data", "a text file")
     # a carriage return too many, as writers of text files on Windows add it, makes no blank line
     text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     if text.count("\n") > MAX_LINES:
@@ -107,7 +107,7 @@ def read_json(path: FilePath) -> Any:
         path: The file.
 
     Returns:
-        What it holds.
+        Its content.
 
     Raises:
         InputError: The file is missing, too large, has too many lists, or is no JSON.
@@ -122,11 +122,11 @@ def read_json(path: FilePath) -> Any:
 
 
 def read_xml(path: FilePath, expected: str) -> ElementTree.Element:
-    """Read an XML file of at most 4 MiB. What is XML could refer to other files and repeat itself: definitions are refused.
+    """Read an XML file of at most 4 MiB. XML could refer to other files and repeat itself: definitions are refused.
 
     Args:
         path: The file.
-        expected: What it should be, for messages.
+        expected: The expected content, for messages.
 
     Returns:
         Its root. Names keep the prefixes of their namespaces: with those written out, a file could grow without end.

@@ -13,7 +13,7 @@ from poseppl.files.csv_texts import unshielded
 
 MAX_COLUMNS = 100_000
 Line = tuple[Location, list[str]]
-"""Where a line stands, and its words."""
+"""The number of a line, and its words."""
 
 
 def rows_of_csv(path: FilePath, *, empty: bool = False) -> Iterator[Line]:

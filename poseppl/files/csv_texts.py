@@ -15,7 +15,7 @@ _FORMULA = re.compile("'*[=+\\-@\t\n\uff1d\uff0b\uff0d\uff20]")  # the last four
 
 
 def shielded(cell: Any) -> Any:
-    """A cell as CSV files have it: an apostrophe before a text that begins as a formula; numbers stay as they are.
+    """A cell as CSV files have it: an apostrophe before a text that begins as a formula; numbers are not changed.
 
     A carriage return, at which Python's writer does not quote a text, and a spreadsheet begins a row, becomes a newline.
 

@@ -44,7 +44,7 @@ class FrameRange(NamedTuple):
 
         Args:
             total: Frames of the sequence.
-            source: What it is called in messages.
+            source: Its name in messages.
 
         Raises:
             InputError: The range goes beyond it.

@@ -33,7 +33,7 @@ def open_hdf5(path: FilePath, expected: str, max_bytes: int = MAX_BYTES) -> Iter
 
     Args:
         path: The file.
-        expected: What it should be, for messages.
+        expected: The expected content, for messages.
         max_bytes: The largest file that is read.
 
     Raises:
@@ -71,7 +71,7 @@ def array(group: Any, name: str, at: Location) -> Any:
     """An array of a group, as NumPy has it.
 
     Raises:
-        InputError: It is missing, a link, elsewhere, too large, or holds anything but numbers and texts of bounded length.
+        InputError: It is missing, a link, elsewhere, too large, or contains anything but numbers and texts of bounded length.
     """
     item = child(group, name, at)
     where = at.in_field(item.name)
@@ -87,7 +87,7 @@ def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
 
     Args:
         item: The member of a group.
-        at: Where it is, for messages.
+        at: The file, for messages.
         kinds: Kinds of numbers and texts, as NumPy names them.
 
     Raises:

@@ -1,6 +1,6 @@
 """Locks of files and folders between processes.
 
-A lock is held by an open descriptor (``flock``), so that a process that ends, by whatever signal, lets go of it: there is
+A lock belongs to an open descriptor (``flock``), so that a process that ends, by whatever signal, lets go of it: there is
 nothing stale to clear.
 """
 

@@ -21,7 +21,7 @@ from poseppl.files.bounded_reading import check_file
 from poseppl.files.hdf5_reading import DEFLATE, child, declared_bytes, open_hdf5
 
 MAX_BYTES = 4 * 2**30
-"""Bound on what a file holds when unpacked, unless the environment variable POSEPPL_MAX_GIB says otherwise."""
+"""Bound on the unpacked size of a file, unless the environment variable POSEPPL_MAX_GIB says otherwise."""
 MAX_FILE_BYTES = 2**40
 MAX_GROUPS = 100
 MAX_DEPTH = 8
@@ -36,8 +36,8 @@ def read_netcdf(path: FilePath, *, expected: str, max_bytes: int | None = None) 
 
     Args:
         path: The file.
-        expected: What it should be, for messages.
-        max_bytes: The most that it may hold when unpacked; by default :data:`MAX_BYTES`, or POSEPPL_MAX_GIB.
+        expected: The expected content, for messages.
+        max_bytes: Its largest unpacked size; by default :data:`MAX_BYTES`, or POSEPPL_MAX_GIB.
 
     Returns:
         The tree.

@@ -23,7 +23,7 @@ def write_netcdf(
     Args:
         tree: The tree; it is untouched, whatever happens to the disk.
         path: The file, overwritten if it exists.
-        encoding: Of variables by group, as xarray takes it.
+        encoding: Encoding of variables by group, for xarray.
 
     Raises:
         InputError: The folder is missing or cannot be written.

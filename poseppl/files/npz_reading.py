@@ -23,7 +23,7 @@ def part_header(archive: zipfile.ZipFile, part: str) -> tuple[np.dtype[Any], tup
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, kind = read(stream)
         if kind.hasobject or stream.tell() + math.prod(shape) * kind.itemsize != archive.getinfo(part).file_size:
-            raise ValueError(f"{part} does not hold the array that it declares")
+            raise ValueError(f"{part} does not contain the array that it declares")
     return kind, shape
 
 

@@ -4,7 +4,7 @@ A pickle is a program that may call anything. So its operations are read first, 
 plain values are made of. Names of functions are compared with the few that NumPy's arrays are pickled with, and stand for
 functions of ours that check what they are given: the array's kind, shape and bytes have to agree. No name is imported.
 
-A small pickle may hold one value many times, and so become huge when it is hashed, copied or written out. Keys of a dict are
+A small pickle may contain one value many times, and so become huge when it is hashed, copied or written out. Keys of a dict are
 therefore texts and numbers alone, and arrays together have no more bytes than the pickle could bring along.
 
 >>> import pickle
@@ -119,7 +119,7 @@ def _from_buffer(data: Any, kind: Any, shape: Any, order: Any = "C", *_: Any) ->
 
 
 def _encode(text: Any, encoding: Any = None) -> bytes:
-    """What pickles of Python 2's form have for bytes."""
+    """The form of bytes in pickles of Python 2."""
     if not isinstance(text, str) or encoding not in ("latin1", "latin-1"):
         raise ValueError("bytes that are none")
     return text.encode("latin-1")
@@ -203,11 +203,11 @@ def _set_items(table: Any, items: list[Any]) -> Any:
 
 
 def plain_of_pickle(data: bytes, at: Location) -> Any:
-    """The plain value that a pickle holds.
+    """The plain value of a pickle.
 
     Args:
         data: The pickle; the caller bounds its size.
-        at: Where it stands, for messages.
+        at: Its place, for messages.
 
     Raises:
         InputError: It is no pickle, is damaged, or asks for anything but plain values.
@@ -238,7 +238,7 @@ def _check_operations(data: bytes) -> None:
 def _plain(value: Any, left: list[int], depth: int) -> Any:
     left[0] -= 1
     if left[0] < 0 or depth > 20:
-        raise pickle.UnpicklingError("the pickle holds too many values")
+        raise pickle.UnpicklingError("the pickle contains too many values")
     make: Callable[[Any], Any] = lambda inner: _plain(inner, left, depth + 1)  # noqa: E731
     if isinstance(value, dict):
         return {key: make(inner) for key, inner in value.items()}
@@ -248,4 +248,4 @@ def _plain(value: Any, left: list[int], depth: int) -> Any:
         return value.value
     if isinstance(value, np.ndarray | str | bytes | bytearray | int | float | bool | None):
         return value
-    raise pickle.UnpicklingError(f"the pickle holds a {type(value).__name__}")
+    raise pickle.UnpicklingError(f"the pickle contains a {type(value).__name__}")

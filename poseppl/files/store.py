@@ -1,7 +1,8 @@
 """Arrays kept in a folder, one file a name, each with a record of what made them.
 
-``NAME.npz`` holds the arrays and, as JSON, the record. Files are written whole or not at all. One that is damaged all the same,
-or has another record, counts as none, and that is told: whoever asked computes it anew. Nothing is pickled.
+``NAME.npz`` contains the arrays and, as JSON, the record. Files are written whole or not at all. One that is damaged all the
+same,
+or has another record, counts as none, and that is reported: the caller computes it again. Nothing is pickled.
 
 >>> from tempfile import mkdtemp
 >>> store = Store(mkdtemp(), "results", note=print)
@@ -31,7 +32,7 @@ from poseppl.files.npz_reading import SUFFIX, read_part, read_parts
 Arrays = dict[str, NDArray[Any]]
 Note = Callable[[str], None]
 Record = Mapping[str, Any]
-"""Values that JSON can hold."""
+"""Values that JSON can represent."""
 _RECORD = "__record__"
 MAX_RECORD_BYTES = 2**24
 
@@ -59,8 +60,8 @@ class Store:
 
     Args:
         folder: The folder, made where it does not exist.
-        what: What is kept there, for messages.
-        note: Is told of files that cannot be used.
+        what: The content, for messages.
+        note: Called with a message about files that cannot be used.
         parents: Whether the folders around it are made, too.
         max_unpacked: Bytes that the arrays of one name may take, where files are compressed; None compresses nothing.
 
@@ -85,11 +86,11 @@ class Store:
         return self.folder / f"{name}.npz"
 
     def holds(self, name: str, record: Record) -> bool:
-        """Whether there are arrays of a name with such a record; only the record is read, and nothing told.
+        """Whether there are arrays of a name with such a record; only the record is read, and nothing is reported.
 
         Args:
             name: Their name.
-            record: What they must have been made with.
+            record: The record that they must have.
         """
         try:
             with zipfile.ZipFile(self._path(name)) as archive:
@@ -105,19 +106,19 @@ class Store:
         restore: Callable[[Arrays], Any] = lambda arrays: arrays,
         *,
         owners: Collection[str] = (),
-        remedy: str = "computed anew",
+        remedy: str = "computed again",
     ) -> Any:
         """Read arrays.
 
         Args:
             name: Their name.
-            record: What they must have been made with; what else their record holds does not matter.
+            record: The record that they must have; other entries of their record do not matter.
             restore: Makes of the arrays what is returned; any error means that they are damaged.
             owners: Fields of the record in which a file must not differ: it is somebody else's, and must not be lost.
-            remedy: What comes of files that cannot be used, for notes.
+            remedy: The consequence of files that cannot be used, for messages.
 
         Returns:
-            What was restored; None where nothing can be.
+            The restored arrays; None where nothing can be.
 
         Raises:
             InputError: The file is somebody else's.
@@ -153,7 +154,7 @@ class Store:
         Args:
             name: Their name.
             arrays: The arrays by name.
-            record: What they are made with.
+            record: The record of how they are made.
 
         Raises:
             InputError: The file cannot be written.

@@ -20,9 +20,9 @@ from poseppl.files.netcdf_reading import read_netcdf
 
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
 _MISSING = ("", "na", "nan", "null", "none")
-"""What stands for a number that is missing, in any case."""
+"""Words for a missing number, in upper or lower case."""
 _MAX_BYTES, _MAX_NUMBERS = 2**30, 40_000_000
-"""Of a Parquet file, packed, and unpacked."""
+"""Bounds on a Parquet file, packed and unpacked."""
 _Read = Callable[[], NDArray[Any]]
 """Reads a column, or raises what is wrong with it."""
 
@@ -36,7 +36,7 @@ class NumberTable(NamedTuple):
 
     Attributes:
         columns: Columns (T,), or variables (T, ...), by name; NaN where a number is missing.
-        unread: What is wrong with each of those that hold no numbers, such as dates, or words among numbers.
+        unread: The problem of each column without numbers, such as dates, or with words among numbers.
     """
 
     columns: dict[str, NDArray[Any]]
@@ -44,7 +44,7 @@ class NumberTable(NamedTuple):
 
     @property
     def misspelt(self) -> list[WordAmongNumbers]:
-        """What is wrong with the columns that hold a word among numbers."""
+        """The problems of columns that have a word among numbers."""
         return [error for error in self.unread.values() if isinstance(error, WordAmongNumbers)]
 
 

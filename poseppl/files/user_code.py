@@ -27,7 +27,7 @@ def import_named(place: str, field: str) -> ModuleType:
 
 
 def file_of_module(name: str) -> str:
-    """The file of ``package.module``; nothing where there is none, which importing it tells."""
+    """The file of ``package.module``; nothing if there is none, which importing it reports."""
     try:
         spec = importlib.util.find_spec(name)
     except Exception:  # the code of a package around it raises anything at all

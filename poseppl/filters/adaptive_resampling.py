@@ -1,6 +1,6 @@
 r"""Adaptive resampling: ancestors are drawn by weight at the frames where ESS <= threshold * N, and elsewhere kept.
 
-Derivatives are those of Scibior and Wood 2021 (arXiv:2106.10314): ancestors are drawn as they are, and a child starts with the
+Derivatives are those of Scibior and Wood 2021 (arXiv:2106.10314): ancestors are drawn unchanged, and a child starts with the
 weight of value 1 and derivative d log w of its ancestor, w / stopped(w). So the evidence's estimate, which is linear in the
 weights, has a derivative whose mean is the derivative of the evidence; without it the derivative would leave out that other
 parameters choose other ancestors. That of the estimate's logarithm is biased as the logarithm is, by O(1 / N).
@@ -20,7 +20,7 @@ from poseppl.particles.weights import effective_sample_size, normalise
 
 
 class Ancestry(NamedTuple):
-    """Where the particles of a frame come from.
+    """The ancestors of the particles of a frame.
 
     Attributes:
         ancestors: Shape (N,), int32.

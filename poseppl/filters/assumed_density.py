@@ -1,9 +1,9 @@
 """The HMC filter with an assumed-density temporal prior: the default tracker.
 
-The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains; in 28 dimensions its M narrow bumps
-hold the chains near their ancestors, and the intervals come out too narrow. Here the posterior of the last frame is summarised
-by a small mixture of K Gaussians, fitted to all draws of all chains after the warm-up, and the prior is its image under the
-transition, by its first two moments given each draw; with K = 1:
+The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains; in 28 dimensions its M narrow
+components keep the chains near their ancestors, and the intervals come out too narrow. Here the posterior of the last frame is
+summarised by a small mixture of K Gaussians, fitted to all draws of all chains after the warm-up, and the prior is its image
+under the transition, by its first two moments given each draw; with K = 1:
 
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
 
@@ -17,9 +17,9 @@ sampled in coordinates whitened by the curvature of the posterior, averaged over
 A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
 (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
 over-confidence. So each component has the density of a Gaussian whose covariance is known from n draws alone, a multivariate t
-(:mod:`poseppl.gaussians.mixture`), n being the effective draws of all chains, from the spread of their means. Where steps are
-small beside what is known, as in a slow random walk, intervals are far too narrow without it (studies/inflation.py), and on
-simulated motion they hold more nearly what they say with it (studies/windows.py).
+(:mod:`poseppl.gaussians.mixture`), n being the effective draws of all chains, from the spread of their means. If steps are
+small relative to the posterior, as in a slow random walk, intervals are far too narrow without it (studies/inflation.py); on
+simulated motion the coverage is closer to its level with it (studies/windows.py).
 
 With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """
@@ -142,7 +142,7 @@ def _prior(
 ) -> tuple[GaussianMixture, MixtureFactors, LogDensity]:
     """The Gaussians that sum up the past, their factors, and the prior log-density: at first that of the initial program.
 
-    Where the initial program is Gaussian, its moments are that density.
+    If the initial program is Gaussian, its moments are that density.
     """
     means, covariances = jax.vmap(lambda chain: transition_moments(model, chain, inputs))(state.particles)
     fitted, residuals = fit_mixture(means, num_components, state.log_weights[:, 0])

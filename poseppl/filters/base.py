@@ -125,11 +125,11 @@ class Filter:
         initial_state: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it;
             nothing but `step` is then compiled.
         closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
-        evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
+        evidence: The source of the error of the log-evidence: "weights", whose mean is a frame's evidence and whose ESS is that
             of `FilterInfo`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode
             and does not sample the posterior.
-        points: How many points carry a posterior to the next frame, by their mixture; None where weighted particles do, whose
-            effective number `FilterInfo` tells, or a distribution.
+        points: How many points carry a posterior to the next frame, by their mixture; None if weighted particles do, whose
+            effective number is in `FilterInfo`, or a distribution.
         genealogy: Whether a particle descends from the one of the frame before that `FilterInfo.ancestors` names.
         differentiable: Whether the evidence's derivative by params is that of what it estimates, and not one that leaves out
             that moves are accepted or refused.
@@ -159,7 +159,7 @@ class Filter:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Attributes of a result that tell of the filter, for those who judge it."""
+        """Attributes of a result that describe the filter, for diagnostics."""
         told = {"closed form": self.closed_form, "evidence": self.evidence}
         return told if self.points is None else {**told, "points of the past": self.points}
 

@@ -19,7 +19,7 @@ class ChainState(NamedTuple):
 
     Attributes:
         particles: Draws after the warm-up (M, R - b, d).
-        log_weights: Of the draws (M, R - b), up to a constant; those of a chain are equal.
+        log_weights: Log-weights of the draws (M, R - b), up to a constant; those of a chain are equal.
         log_step_size: The adapted log step size.
         started: Whether there has been a frame, a boolean; before the first one `particles` stand for nothing.
     """

@@ -27,7 +27,7 @@ from poseppl.program.population import draw_initial, log_initials, log_transitio
 def conditional_draw(
     model: CompiledModel, keys: Array, previous: Array | None, observation: Observation, inputs: Any
 ) -> tuple[Array, Array]:
-    """Draw states (N, d), and tell their log-densities (N,) under the proposal.
+    """Draw states (N, d), with their log-densities (N,) under the proposal.
 
     Args:
         model: The compiled model, with finite sites that depend on no real site of their frame.

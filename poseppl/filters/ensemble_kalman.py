@@ -73,7 +73,7 @@ class Analysis(NamedTuple):
     Attributes:
         state: The state after it.
         info: Its diagnosis.
-        by: What the data did, with no weights where they were impossible; smoothers apply it to earlier frames.
+        by: The update by the data, with no weights where they were impossible; smoothers apply it to earlier frames.
     """
 
     state: EnsembleState

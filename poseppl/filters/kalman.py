@@ -3,10 +3,9 @@
 The posterior of each frame is kept as a Gaussian; transition and observation are linearised around it, by a first-order
 expansion (the extended Kalman filter), over sigma points (the unscented one) or a Gauss-Hermite grid; see
 :mod:`poseppl.gaussians.linearisation`. With more than one iteration the observation is linearised again, around the posterior
-that the last line gave, and the prediction takes in the data anew: posterior linearisation (Garcia-Fernandez, Svensson,
-Morelande and Sarkka 2015, doi:10.1109/TSP.2015.2454485), for first-order lines the iterated extended Kalman filter.
-Exact for linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is
-a baseline and an oracle.
+of the last linearisation, and the update is repeated: posterior linearisation (Garcia-Fernandez, Svensson, Morelande and Sarkka
+2015, doi:10.1109/TSP.2015.2454485), for first-order lines the iterated extended Kalman filter. Exact for linear Gaussian
+programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is a baseline and an oracle.
 
 The particles of its state are independent draws from the Gaussian, for whatever reads particles. They are made when they are
 read: a run that keeps moments alone draws nothing.
@@ -142,7 +141,7 @@ def update(
         inputs: Its inputs.
         method: How the observation is linearised.
         num_iterations: How often, each time but the first around the last posterior.
-        about: What it is linearised around at first; the prediction if None.
+        about: The first point of linearisation; the prediction if None.
 
     Returns:
         The posterior, the log-evidence (-inf if it failed), and whether the data were impossible: the posterior is then the

@@ -7,7 +7,7 @@ g = d/dx log p(z_t | x) at \mu, the proposal and the predictive likelihood that 
     log p(z_t | x') ~ log p(z_t | \mu) + g^T C g / 2 - log |1 + Q I| / 2
 
 (Doucet, Godsill and Andrieu 2000, doi:10.1023/A:1008935410038, section II-D). For linear Gaussian programs these are the
-optimal proposal and the exact predictive likelihood. Where neither Q nor I depends on the state, which is read from the
+optimal proposal and the exact predictive likelihood. If neither Q nor I depends on the state, which is read from the
 traced programs, one factorisation serves all particles.
 """
 

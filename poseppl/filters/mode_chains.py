@@ -27,7 +27,7 @@ class ModeChains(NamedTuple):
 
     Attributes:
         draws: Draws as states (M, R - b, d).
-        log_weights: Of each chain (M,), normalised: those that started in one mode share its mass.
+        log_weights: Log-weight of each chain (M,), normalised: those that started in one mode share its mass.
         chains: The chains in whitened coordinates.
     """
 
@@ -54,7 +54,7 @@ def chains_from_modes(
         log_step_size: Log step size to start from.
         num_chains: M.
         settings: L, R, b and so on.
-        power: Of the modes' masses, in proportion to which chains are shared among them.
+        power: Exponent of the modes' masses; chains are shared among modes in proportion to the result.
     """
     key_choose, key_start, key_chains = jax.random.split(rng_key, 3)
     chosen, log_weights = allocate_chains(key_choose, modes, num_chains, power)

@@ -1,6 +1,6 @@
 r"""The Rao-Blackwellised particle filter for switching models (Doucet, de Freitas, Murphy and Russell 2000, arXiv:1301.3853).
 
-Where the real coordinates are Gaussian given the finite sites, only the finite sites are sampled: particle i is a history of
+If the real coordinates are Gaussian given the finite sites, only the finite sites are sampled: particle i is a history of
 their values and the Gaussian N(m_i, P_i) that a Kalman filter finds along it,
 
     p(k_0..t, x_t | z_1..t)  ~  sum over i of w_i delta(k_0..t = k^(i)) N(x_t; m_i, P_i).
@@ -8,8 +8,8 @@ their values and the Gaussian N(m_i, P_i) that a Kalman filter finds along it,
 At each frame ancestors are drawn by weight, each child draws k_t from the transition given its ancestor's k_(t-1), moves its
 Gaussian by the transition given both values and takes in the data; its weight is multiplied by the evidence of these. No
 moments are matched: unlike the switching filter's (:mod:`poseppl.filters.switching`), the answer is exact in the limit of many
-particles, and the evidence is unbiased, where programs are linear and Gaussian given the finite sites. Where they are not they
-are linearised, as by an extended Kalman filter, and the limit is that approximation.
+particles, and the evidence is unbiased, where programs are linear and Gaussian given the finite sites. Otherwise they are
+linearised, as by an extended Kalman filter, and the limit is that approximation.
 
 Which sites are finite, and what is left given them, is read from the program. Means and quantiles are those of the mixture;
 particles are draws, one of each Gaussian.

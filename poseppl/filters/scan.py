@@ -42,7 +42,7 @@ Predict = Callable[[Array, Any, Any, Observation, Any], Any]
 At the first frame, where `first` is true, `state` has the right shapes and no meaning.
 """
 _PREDICT = 2
-"""What the key of a frame is folded with for its predictions, beside the two that it is split into."""
+"""The number that a frame's key is folded with for its predictions, besides the two that it is split into."""
 
 
 class FrameKeys(NamedTuple):
@@ -54,12 +54,12 @@ class FrameKeys(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """What a run leaves.
+    """The output of a run.
 
     Attributes:
-        outputs: What `collect` returned, with a leading T.
+        outputs: The outputs of `collect`, with a leading T.
         state: The filter's state after the last frame.
-        prediction: What `predict` returned, with a leading T; None without it.
+        prediction: The outputs of `predict`, with a leading T; None without it.
     """
 
     outputs: Any
@@ -68,7 +68,7 @@ class Scan(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What a run begins with: the state after `init` and its diagnosis; or the state before the first frame, and None."""
+    """The start of a run: the state after `init` and its diagnosis; or the state before the first frame, and None."""
 
     state: Any
     info: FilterInfo | None
@@ -121,7 +121,7 @@ def scan_filter(
             data are used, such as :func:`poseppl.predictive_checks`.
 
     Returns:
-        What was kept, with a leading T, and the state after the last frame.
+        The outputs, with a leading T, and the state after the last frame.
 
     Raises:
         ValueError: The data are no Observation, or an array does not have T rows.
@@ -146,7 +146,7 @@ def scan_filter(
 
 
 def begin(filter: Filter, rng_key: Array, observation: Observation, inputs: Any) -> Start:
-    """What a run begins with, from its first frame and the key of that frame's `init`."""
+    """The start of a run, from its first frame and the key of that frame's `init`."""
     if filter.initial_state is None:
         return Start(*filter.init(rng_key, observation, inputs))
     return Start(filter.initial_state(observation, inputs), None)
@@ -157,8 +157,8 @@ def frame_program(
 ) -> Callable[..., tuple[Any, tuple[Any, Any]]]:
     """`(state, initial_info, frame, constant) -> (state, (outputs, prediction))`, one frame of a run.
 
-    `initial_info` is the diagnosis of `init`, whose state the first frame takes as it is, or None where `step` takes the
-    first frame, too. `join` makes a frame's inputs of the varying and the constant ones.
+    `initial_info` is the diagnosis of `init`, whose state the first frame uses unchanged, or None if `step` takes the first
+    frame, too. `join` makes a frame's inputs of the varying and the constant ones.
     """
 
     def advance(before: Any, initial_info: FilterInfo | None, frame: Frame, constant: list[Any]) -> tuple[Any, tuple[Any, Any]]:

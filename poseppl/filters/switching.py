@@ -120,7 +120,7 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
         rng_key: Array, state: SwitchingState, observation: Observation, inputs: Any = None
     ) -> tuple[SwitchingState, FilterInfo]:
         blank = state.log_masses, state.means, state.scales, jnp.zeros((len(switch.values), model.dimension))
-        # before the first frame the prediction from the initial Gaussians is finite as they are, and is not chosen
+        # before the first frame the prediction from the initial Gaussians is finite like them, and is not chosen
         predicted = jax.tree.map(partial(jnp.where, state.started), _predict(model, switch, state, inputs), blank)
         log_prior, mean, scale, before = predicted
         return update(rng_key, log_prior, _Gaussians(mean, scale), before, observation, inputs)

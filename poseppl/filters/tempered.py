@@ -5,14 +5,14 @@ temperatures beta from 0 to 1, chosen so that the weights at each keep a given E
 resampling. It needs no proposal, and a frame whose data are far more precise than the prediction costs a few more temperatures
 instead of nearly all particles. Two targets of the moves:
 
-* "ancestor", O(N): the ancestor is held fixed, p(x | x_(t-1)^(a_i)) p(z_t | x)^beta. On pairs of both this is SMC on
+* "ancestor", O(N): the ancestor is fixed, p(x | x_(t-1)^(a_i)) p(z_t | x)^beta. On pairs of both this is SMC on
 
       1/N p(x | x_(t-1)^a) p(z_t | x)^beta,
 
   whose marginal of the ancestor at beta = 1 is that of the optimal proposal with weights p(z_t | x_(t-1)^a): the ancestors are
   resampled with the states, by likelihoods of states that were moved.
-* "mixture", O(N^2): the whole prediction, 1/N sum_j p(x | x_(t-1)^j) p(z_t | x)^beta, as in the HMC filter; a state is not held
-  back by its ancestor. Ancestors are drawn anew at the end, in proportion to p(x_i | x_(t-1)^j).
+* "mixture", O(N^2): the whole prediction, 1/N sum_j p(x | x_(t-1)^j) p(z_t | x)^beta, as in the HMC filter; a state is not
+  bound to its ancestor. Ancestors are drawn again at the end, in proportion to p(x_i | x_(t-1)^j).
 
 Both converge to the posterior with N, and the product of the frames' evidences to the evidence. It is unbiased where nothing is
 learned from the particles (`temperatures` given, `whiten=False`, a fixed step size), else up to a bias of order 1/N.
@@ -62,8 +62,8 @@ class _Prior(NamedTuple):
 
     Attributes:
         draw: `rng_key -> particles`, N draws (N, d).
-        contexts: What the density of each depends on, with a leading axis of N.
-        log_density: Of a state, given its context.
+        contexts: The arguments of each density, with a leading axis of N.
+        log_density: Log-density of a state, given its context.
     """
 
     draw: Callable[[Array], Array]
@@ -90,7 +90,7 @@ def tempered_filter(
     Args:
         model: The compiled model; with HMC moves its densities are differentiated.
         num_particles: N, at least 1.
-        target: What the moves leave invariant, "ancestor" or "mixture".
+        target: The invariant distribution of the moves, "ancestor" or "mixture".
         moves: Kernel and settings of the moves, `HMC_MOVES`, `RANDOM_WALK_MOVES` or others.
         ess_target: Fraction of N that the ESS falls to at each temperature but the last, between 0 and 1.
         max_temperatures: Bound on the temperatures of a frame; the last takes all that is left, whatever its ESS.

@@ -4,8 +4,8 @@ Algorithm 2 of Chopin 2002 (doi:10.1093/biomet/89.3.539) and section 3.4 of Del 
 (doi:10.1111/j.1467-9868.2006.00553.x), with contexts that are resampled together with the positions. From
 beta = 0 until beta = 1:
 
-1. reweight: beta rises by the delta at which the incremental weights L(x_i)^delta have ESS = target * N, found by bisection
-   on the particles as they are now, moved at the last beta, so that the target asked is the one had;
+1. reweight: beta rises by the delta at which the incremental weights L(x_i)^delta have ESS = target * N, found by bisection on
+   the present particles, moved at the last beta, so that the target is met exactly;
 2. the evidence is multiplied by the mean incremental weight;
 3. resample positions and contexts together;
 4. move each position at the new beta: the particles that are returned, too, were moved, at beta = 1.
@@ -105,7 +105,7 @@ def next_increment(log_likelihoods: Array, ess_target: float, limit: Array) -> A
     Args:
         log_likelihoods: Shape (N,), none NaN or +inf.
         ess_target: As a fraction of the particles of positive likelihood.
-        limit: What is left to a temperature of one, a scalar.
+        limit: The remaining distance to a temperature of one, a scalar.
     """
     goal = ess_target * jnp.sum(jnp.isfinite(log_likelihoods))
 
@@ -137,9 +137,9 @@ def temper(
     Args:
         rng_key: PRNG key.
         particles: Equally weighted draws (N, d).
-        contexts: What the prior of each depends on, a pytree with a leading axis of N; resampled with the particles.
+        contexts: The arguments of each prior, a pytree with a leading axis of N; resampled with the particles.
         log_prior: Log-density of a position given its context.
-        log_likelihood: Of a position; NaN and +inf count as -inf.
+        log_likelihood: Log-density of a position; NaN and +inf count as -inf.
         prior_covariance: Covariance of a position given its context (d, d), for random walks alone.
         log_step_size: Log step size to start from.
         settings: How.

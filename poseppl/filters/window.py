@@ -5,7 +5,7 @@ With s the window's first frame, the target of frame t = s + W - 1 is (see :mod:
     N(x_s; m_s, P_s) p(z_s | x_s) prod over u = s + 1 .. t of p(x_u | x_(u-1)) p(z_u | x_u),    N(m_s, P_s) for p(x_s | z_(<s)).
 
 The summary must have seen no data of the window, or they would count twice. The window's own draws of x_(s-1) at frame t - 1
-have: pushed through the transition, they tell of x_s what z_0 .. z_(t-1) say. So the summary is made when the data up to
+have: pushed through the transition, they represent x_s given z_0 .. z_(t-1). So the summary is made when the data up to
 frame s - 1 alone are in: it is the prediction, by its first two moments, from the filtered draws of x_(s-1) at frame s - 1,
 
     m_s = mean of E[x_s | x],    P_s = cov of E[x_s | x] + mean of Cov[x_s | x],    x over those draws,
@@ -52,7 +52,7 @@ class WindowState(NamedTuple):
         particles: Draws of the newest frame after the warm-up (M, R - b, d).
         log_weights: Zeros (M, R - b): all draws count alike.
         log_step_size: The adapted log step size.
-        trajectories: Draws of the whole window (M, R - b, W, d), the newest frame last; slots that hold no frame yet are noise.
+        trajectories: Draws of the whole window (M, R - b, W, d), the newest frame last; slots without a frame yet are noise.
         window: Summaries, data and inputs of its frames.
     """
 

@@ -3,7 +3,7 @@ r"""The joint density of the frames in a moving window, and its curvature.
     N(x_s; m_s, P_s) p(z_s | x_s) prod over u = s + 1 .. t of p(x_u | x_(u-1)) p(z_u | x_u),
 
 where N(m_s, P_s) stands for p(x_s | z_0 .. z_(s-1)). While the first frame of the sequence is in the window, s is 0, the
-summary is the initial program itself, and the slots before it, which hold no frame yet, are independent and N(m_0, P_0): so
+summary is the initial program itself, and the slots before it, which have no frame yet, are independent and N(m_0, P_0): so
 that the window has W slots from the start.
 """
 
@@ -30,8 +30,8 @@ class Window(NamedTuple):
     """The W frames in a window, the newest last.
 
     Attributes:
-        predictions: Of each frame, given the data of the frames before it alone: means (W, d) and covariances (W, d, d).
-        observations: Data with a leading W; nothing is seen in slots that hold no frame.
+        predictions: Prediction of each frame, given the data of the frames before it: means (W, d) and covariances (W, d, d).
+        observations: Data with a leading W; nothing is observed in slots without a frame.
         inputs: Inputs with a leading W, or None.
         num_frames: How many frames there have been, at most W + 1, int32.
     """
@@ -80,7 +80,7 @@ def move_on(window: Window, prediction: Gaussian, observation: Observation, inpu
 
 
 def window_target(model: CompiledModel, window: Window) -> WindowTarget:
-    """The target of a window that holds at least one frame."""
+    """The target of a window with at least one frame."""
     size, dimension = window.predictions.mean.shape
     first = jnp.maximum(size - window.num_frames, 0)
     slot = jnp.arange(size)

@@ -42,7 +42,7 @@ def fit_mixture(chains: Array, num_components: int, log_weights: Array | None = 
     Args:
         chains: Draws (M, R, d).
         num_components: K, at most M are used; one is the sample mean and covariance.
-        log_weights: Of the chains (M,); None: all weigh the same.
+        log_weights: Weights of the chains (M,); None: all weigh the same.
     """
     draws = chains.reshape(-1, chains.shape[-1])
     number, dimension = draws.shape

@@ -9,7 +9,7 @@ doi:10.1175/1520-0493(1998)126<1719:ASITEK>2.0.CO;2) each member has data of its
 
     x_i + C_xy g_i,    g_i = S^-1 (y + e_i - h_i);
 
-in the square-root form (Whitaker and Hamill 2002, doi:10.1175/1520-0493(2002)130<1913:EDAWPO>2.0.CO;2, whose Eq. 10 holds for
+in the square-root form (Whitaker and Hamill 2002, doi:10.1175/1520-0493(2002)130<1913:EDAWPO>2.0.CO;2, whose Eq. 10 is true for
 any square roots: Andrews 1968) nothing is drawn,
 
     g_i = S^-1 (y - mean h) - U^-T (U + V)^-1 Y'_i,
@@ -49,7 +49,7 @@ class PredictedData(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """What a frame's data do to an ensemble.
+    """The update of an ensemble by a frame's data.
 
     Attributes:
         weights: g (N, k).
@@ -82,7 +82,7 @@ def predicted_data(means: Array, noises: Array, data: Array, seen: Array) -> Pre
 
 
 def increment(rng_key: Array, predicted: PredictedData, form: Form, taper: Array | None = None) -> Increment:
-    """What data do to the ensemble that predicted them.
+    """Update an ensemble by the data that it predicted.
 
     Args:
         rng_key: For the members' own data, in the stochastic form.

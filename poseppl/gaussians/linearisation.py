@@ -88,7 +88,7 @@ def linearise_about(
     method: Method,
     jacobian_at: Callable[[Array], Array] | None = None,
 ) -> Linear:
-    """Linearise a conditional for one Gaussian, and tell the line as of another one, x."""
+    """Linearise a conditional for one Gaussian, and return the line in terms of another one, x."""
     linear = linearise(conditional, about, method, jacobian_at)
     return linear._replace(mean=linear.mean + linear.jacobian @ (x.mean - about.mean))
 

@@ -30,8 +30,8 @@ class Localisation(NamedTuple):
     """Tapers of sampled covariances, each in [0, 1].
 
     Attributes:
-        states: Of the d coordinates of the flat state with the k data, (d, k).
-        data: Of the data with each other, (k, k), symmetric, with ones on the diagonal.
+        states: Taper between the d coordinates of the flat state and the k data, (d, k).
+        data: Taper between the data, (k, k), symmetric, with ones on the diagonal.
     """
 
     states: Any

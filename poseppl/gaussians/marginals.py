@@ -1,4 +1,4 @@
-"""What an algorithm knows of each coordinate without draws: a mixture of Gaussians, coordinate by coordinate.
+"""The marginal of each coordinate, known without draws: a mixture of Gaussians, coordinate by coordinate.
 
 A Kalman filter knows one Gaussian, a switching filter one for each value of its finite site, a Rao-Blackwellised particle
 filter one for each particle. Means, standard deviations and quantiles of these have no Monte Carlo error of draws. Finite
@@ -19,7 +19,7 @@ from jax import Array
 from jax.scipy.special import ndtr, ndtri
 
 _HALVINGS = 40
-"""Of the bracket of a quantile: beyond the precision of float32."""
+"""Iterations on the bracket of a quantile: beyond the precision of float32."""
 
 
 class Marginals(NamedTuple):

@@ -108,7 +108,7 @@ def mixture_curvature(mixture: GaussianMixture, factors: MixtureFactors | None =
 def draw_mixture(
     rng_key: Array, mixture: GaussianMixture, num_draws: int, factors: MixtureFactors | None = None
 ) -> tuple[Array, Array]:
-    """Draw states (N, d) and tell which component each came from (N,)."""
+    """Draw states (N, d), with the component (N,) that each came from."""
     scales = (factorise_mixture(mixture) if factors is None else factors).scales
     noise, chances = normals_and_uniforms(rng_key, (num_draws,), mixture.means.shape[1], 1, mixture.means.dtype)
     component = weighted_choice(chances[:, 0], mixture.log_weights)

@@ -1,6 +1,6 @@
 """A Dask cluster that computes jobs, named by the address of its scheduler.
 
-Each job is one task. When a worker dies, its scheduler blames every task that the worker held, tries them on other workers, and
+Each job is one task. When a worker dies, its scheduler blames every task of the worker, tries them on other workers, and
 gives them up when it has seen too many deaths (`distributed.scheduler.allowed-failures`). These jobs are tried again when all
 others are done, one at a time: only those that kill workers then fail, and what had no room in memory beside others has it.
 Results travel to this process, which alone writes files, so no folder need be shared. Workers need poseppl, the job's module,
@@ -26,7 +26,7 @@ class Cluster(NamedTuple):
     """Computes jobs on a Dask cluster.
 
     Attributes:
-        address: Of the scheduler, such as "tcp://host:8786".
+        address: Address of the scheduler, such as "tcp://host:8786".
         timeout: Seconds within which the scheduler must answer and have a worker.
     """
 
@@ -70,8 +70,8 @@ class Tasks:
     """Jobs on their way through a scheduler.
 
     Args:
-        client: Of the scheduler, a `distributed.Client`.
-        function: What computes a job.
+        client: Client of the scheduler, a `distributed.Client`.
+        function: The function that computes a job.
         jobs: Jobs by key, the costliest first.
         max_deaths: Deaths of workers at which a job that is tried alone has failed.
     """

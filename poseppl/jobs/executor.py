@@ -1,7 +1,7 @@
-"""Who computes jobs: one interface, and the plainest form of it, this process.
+"""Executors of jobs: one interface, and the plainest form of it, this process.
 
-An executor yields one :class:`Outcome` for each job, in any order. It keeps nothing and writes nothing; whoever reads the
-outcomes keeps them by key, so that a job that was computed twice, because a worker was lost, still counts once.
+An executor yields one :class:`Outcome` for each job, in any order. It keeps nothing and writes nothing; outcomes are kept by
+key, so that a job that was computed twice, because a worker was lost, still counts once.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Outcome(NamedTuple):
         arrays: Its result; None when it failed.
         seconds: How long it took.
         error: Why it failed, in a line; empty when it did not.
-        trace: Where it failed.
+        trace: The place of the failure.
     """
 
     key: str
@@ -45,9 +45,9 @@ class Executor(Protocol):
         """Compute jobs; closing the iterator stops what is still running.
 
         Args:
-            function: What computes a job.
+            function: The function that computes a job.
             jobs: Jobs by key, the costliest first.
-            note: Is told of what the user should know.
+            note: Called with messages for the user.
 
         Yields:
             One outcome for each job.

@@ -1,4 +1,4 @@
-"""A computation to be done, as plain values, and the key that tells one job from another.
+"""A computation to be done, as plain values, and the key that identifies a job.
 
 >>> from dataclasses import dataclass
 >>> @dataclass(frozen=True)
@@ -29,7 +29,7 @@ _LATER = "later"
 
 
 def later_field(default: Any) -> Any:
-    """A field that a dataclass got when results of it were kept already: at its default it does not tell jobs apart."""
+    """A field that a dataclass got when results of it were kept already: at its default it does not distinguish jobs."""
     return field(default=default, metadata={_LATER: True})
 
 
@@ -73,7 +73,7 @@ class Job:
 
     @property
     def contents(self) -> dict[str, Any]:
-        """Class, version and fields, as JSON holds them.
+        """Class, version and fields, as JSON.
 
         Raises:
             ValueError: A field is not of plain values.

@@ -2,8 +2,8 @@
 
 XLA uses all the cores that a process may run on. A worker is therefore pinned to its share of them before JAX starts there;
 where the system cannot (macOS), workers compete. A worker that dies is replaced, and ends when this process does. Workers have
-environment variables of this process, settings made in it they do not; they take work from nobody who does not hold the
-certificate that this process makes for them.
+environment variables of this process, settings made in it they do not; they accept work only with the certificate that this
+process makes for them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from poseppl.jobs.job import Job
 
 Prepare = Callable[[], None]
 _SETTINGS: Mapping[str, Any] = {
-    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds the job that it is at, and no other
+    "distributed.scheduler.worker-saturation": 1.0,  # a worker has the job that it computes, and no other
     "distributed.worker.profile.enabled": False,  # jobs measure time
     "distributed.nanny.pre-spawn-environ": {},
     "distributed.scheduler.http.routes": [],

@@ -1,4 +1,4 @@
-"""Who is told how far a set of jobs is."""
+"""Progress of a set of jobs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class JobProgress(Protocol):
-    """Who is told how jobs go."""
+    """Receives the progress of jobs."""
 
     def started(self, total: int, done: int, cost: float) -> None:
         """There are so many jobs, so many of them done before; the others cost so much."""
@@ -19,7 +19,7 @@ class JobProgress(Protocol):
 
 
 class Silent:
-    """Tells nobody."""
+    """Reports nothing."""
 
     def started(self, total: int, done: int, cost: float) -> None:
         """See :class:`JobProgress`."""

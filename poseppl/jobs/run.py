@@ -1,7 +1,7 @@
 """Run jobs: read what is there, compute the rest, write each result as it comes.
 
 A job's arrays are in ``KEY.npz`` with a record of what the job was, which function computed it, and with which versions of the
-libraries and which source of poseppl. Results of other versions are computed anew; those of another job or function are left
+libraries and which source of poseppl. Results of other versions are computed again; those of another job or function are left
 alone and refused.
 """
 
@@ -52,16 +52,16 @@ def run_jobs(
     executor: Executor | str | None = None,
     progress: JobProgress | None = None,
 ) -> dict[str, Arrays]:
-    """Run independent jobs; those whose results the folder holds are not computed again.
+    """Run independent jobs; those with results in the folder are not computed again.
 
     Args:
         function: `job -> {name: array}`. It is imported by other processes, so it is at the top level of a module, and a script
             that calls `run_jobs` does so below ``if __name__ == "__main__":``. The same job gives the same arrays.
         jobs: The jobs, no two alike.
-        folder: Where each result is written, as ``KEY.npz``, as soon as it is there.
-        executor: Who computes: an executor, "processes" (one for each core, and so if None), "inline" (this process), or the
+        folder: The folder of the results, ``KEY.npz``, each written when it is computed.
+        executor: An executor, "processes" (one for each core, and so if None), "inline" (this process), or the
             address of a Dask scheduler, such as "tcp://host:8786".
-        progress: Who is told how it goes, for example a `poseppl.cli.console.ConsoleProgress`.
+        progress: Receives the progress, for example a `poseppl.cli.console.ConsoleProgress`.
 
     Returns:
         The arrays of every job, by its key, in the order of the jobs.
@@ -101,12 +101,12 @@ def run_jobs(
 
 
 def waiting(function: Function, jobs: Iterable[Job], folder: FilePath) -> list[Job]:
-    """Those of some jobs that :func:`run_jobs` would compute: the folder holds no results of them.
+    """Those of some jobs that :func:`run_jobs` would compute, which have no results in the folder.
 
     Args:
-        function: As it is for :func:`run_jobs`.
+        function: As for :func:`run_jobs`.
         jobs: The jobs.
-        folder: Where results are.
+        folder: The folder of the results.
     """
     store = Store(folder, "results", lambda message: None)
     return [job for job in jobs if not store.holds(job.key, _record(function, job))]

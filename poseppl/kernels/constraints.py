@@ -14,7 +14,7 @@ _SWEEPS = 30
 
 
 class Constraints(NamedTuple):
-    """What a state (d,) has to keep to: lower <= x <= upper and rows @ x <= limits.
+    """Constraints of a state (d,): lower <= x <= upper and rows @ x <= limits.
 
     Attributes:
         lower: Shape (d,), -inf where nothing bounds a coordinate.

@@ -10,7 +10,7 @@ sigma the standard deviations of the population. So steps have the scale and the
 linked by the differences between members in several of them.
 
 Moved all at once by the differences of the population as it was, members would not keep the density: the pool that a member's
-step is drawn from has to stay as it is while the member moves. Here each half of the population moves by the other half's
+step is drawn from must not change while the member moves. Here each half of the population moves by the other half's
 differences, which keeps the product of the members' densities exactly, for any number of members.
 
 Variants of ter Braak and Vrugt 2008 (doi:10.1007/s11222-008-9104-9):
@@ -158,7 +158,7 @@ def demc_update(
     Args:
         rng_key: PRNG key.
         members: The population.
-        log_density: Of one position.
+        log_density: Log-density of one position.
         settings: c, lambda and so on.
         noise_factor: Multiplies the noise.
         min_noise: The noise's half-width is at least this, a scalar or (d,).
@@ -200,7 +200,7 @@ def move_members(
         members: Those to move.
         pool: Positions (M, d), of which the first `num_pool` count.
         num_pool: How many; with fewer than two there are no differences.
-        log_density: Of one position.
+        log_density: Log-density of one position.
         settings: lambda, probabilities of variants.
         noise: Half-width of the noise, a scalar or (d,).
 

@@ -41,13 +41,14 @@ class FaceModes(NamedTuple):
 
     Attributes:
         states: Shape (S, d).
-        precisions: Curvatures (S, d, d), with the square of the slope across active constraints: what modes are told apart by.
+        precisions: Curvatures (S, d, d), with the square of the slope across active constraints: the coordinates that
+            distinguish modes.
         scales: Their inverse square roots (S, d, d), upper triangular.
         log_masses: Masses of the cut Gaussians (S,), -inf where a climb has no finite cost.
         covariances: On the free face (S, d, d), of rank d less the number of active constraints.
         active: Active constraints (S, d + m), in the order of `Constraints.normals`.
         slopes: Their multipliers (S, d + m).
-        inner_curvatures: Of the density in t (S, d + m), 1 where a constraint is not active.
+        inner_curvatures: Curvatures of the density in t (S, d + m), 1 where a constraint is not active.
         inward: How a state moves with t (S, d, d + m), 0 where a constraint is not active.
     """
 

@@ -43,7 +43,7 @@ class HMCSettings(NamedTuple):
             it fixed.
         jitter: Fraction by which L is shortened at random, the same for all chains of an update: L is uniform on
             [ceil((1 - jitter) L), L]. 0 keeps it fixed.
-        own: A kernel of one's own in place of HMC, which reads neither L nor the jitter.
+        own: A custom kernel in place of HMC, which reads neither L nor the jitter.
     """
 
     num_updates: int = 32
@@ -145,7 +145,7 @@ def hmc_chains(
 def _own_chains(
     own: CustomKernel, rng_key: Array, starts: Array, log_density: LogDensity, log_step_size: Array, settings: HMCSettings
 ) -> Chains:
-    """The same with a kernel of one's own, which draws its numbers itself."""
+    """The same with a custom kernel, which draws its own random numbers."""
     num_chains = len(starts)
 
     def update(carry: Any, row: tuple[Array, Array]) -> tuple[Any, Any]:
@@ -173,7 +173,7 @@ def _own_chains(
 
 
 def _adapted(log_step_size: Array, acceptance: Array, number: Array, settings: HMCSettings) -> Array:
-    """The log step size after the update of a number, from -1 on; it stays where no acceptance is told (NaN)."""
+    """The log step size after the update of a number, from -1 on; unchanged if the acceptance rate is unknown (NaN)."""
     if settings.target_acceptance is None:
         return log_step_size
     error = jnp.where(jnp.isnan(acceptance), 0.0, acceptance - settings.target_acceptance)

@@ -155,7 +155,7 @@ def group_modes(modes: Located, within: float = _SAME_MODE, *, mutual: bool = Fa
     """Labels (S,) of modes that are the same one: the index of the first of those that are linked by steps of a few sd.
 
     Args:
-        modes: Of which states and precisions count.
+        modes: Which states and precisions count.
         within: Standard deviations of either Laplace approximation that a step has at most.
         mutual: Whether it has to be short for both of them.
     """

@@ -1,4 +1,4 @@
-r"""Where to look for other modes, given one: starts from a mode and its covariance.
+r"""Starts of a search for other modes, given one: starts from a mode and its covariance.
 
 Other modes lie along the valleys of the cost, the directions that are most uncertain, and farther out than the covariance
 reaches. Covariance scaled sampling (Sminchisescu and Triggs 2001, section 4.2) keeps the k largest principal axes of the

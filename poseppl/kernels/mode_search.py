@@ -26,7 +26,7 @@ class ModeSearchResult(NamedTuple):
         log_mass: Logarithm of the sum of all distinct modes' masses, those included that were not kept, a scalar.
         number: How many distinct modes there are, int32.
         labels: For each start the index of the start that stands for its mode (S,); its own where its climb has no mass.
-        evaluations: Of density, gradient and curvature, all climbs together, int32.
+        evaluations: Evaluations of density, gradient and curvature, all climbs together, int32.
     """
 
     modes: FaceModes
@@ -53,7 +53,7 @@ def search_modes(
         starts: Shape (S, d).
         log_density: Unnormalised log-density of one state, a scalar.
         curvature: Curvature (d, d) of its negative at one state.
-        constraints: What states keep to.
+        constraints: Constraints of the states.
         num_modes: K, how many are kept, at most S.
         units: Units of the coordinates (d,), see :func:`~poseppl.kernels.trust_region.climb_modes`.
         num_steps: Steps of each climb at most.

@@ -1,13 +1,12 @@
 r"""Moves of a whole population, each member on a density of its own, scaled by what the population shows.
 
 Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel), a Metropolis random walk or
-a kernel of one's own (:mod:`poseppl.kernels.own_kernel`),
-in coordinates whitened for many members together:
+a custom kernel (:mod:`poseppl.kernels.own_kernel`), in coordinates whitened for many members together:
 
 * by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts), so the
   mean outer product of the members' gradients is their mean curvature, the context's own spread left out;
-* by spread, without gradients: the sum of the inverse covariances of the members and of x given c before any data. Where both
-  are Gaussian this lies between the curvature and twice the curvature.
+* by spread, without gradients: the sum of the inverse covariances of the members and of x given c before any data. If both are
+  Gaussian, this lies between the curvature and twice the curvature.
 
 The step size is shared, and follows the mean acceptance rate by stochastic approximation. All of this depends on the
 population only through averages, whose effect on an estimate vanishes as the population grows; in :func:`move_groups`, for the
@@ -37,7 +36,7 @@ ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
 
 GROUPS = 8
-"""Of members at most, each whitened by the others; four where eight do not divide the members, but four do."""
+"""Number of groups of members at most, each whitened by the others; four where eight do not divide the members, but four do."""
 Kernel = Literal["hmc", "random-walk"]
 
 
@@ -51,7 +50,7 @@ class MoveSettings(NamedTuple):
         step_size: Step size to start from, in whitened coordinates; that of a random walk is multiplied by 2.38 / sqrt(d).
         target_acceptance: Mean acceptance rate that the step size is adapted to; None keeps it fixed.
         jitter: Fraction by which a member's step size is shortened at random in each update, in [0, 1).
-        own: A kernel of one's own in place of `kernel`, which then only tells how the scales of directions are found: "hmc" by
+        own: A custom kernel in place of `kernel`, which then only determines how the scales of directions are found: "hmc" by
             gradients, "random-walk" by the members' spread.
     """
 
@@ -84,7 +83,7 @@ class Starts(NamedTuple):
 
     Attributes:
         positions: Shape (M, d).
-        contexts: What the density of each depends on, a pytree with a leading axis of M.
+        contexts: The arguments of each density, a pytree with a leading axis of M.
         values: Log-densities (M,).
         gradients: Their gradients (M, d); zeros for a random walk.
     """
@@ -138,7 +137,7 @@ def move_population(
     Args:
         rng_keys: K keys.
         starts: From `evaluate`, for the same density.
-        log_density: Of a position and a context.
+        log_density: Log-density of a position and a context.
         transform: To whitened coordinates, the same for all.
         log_step_size: To start from.
         settings: Kernel, K, L and so on.

@@ -1,4 +1,4 @@
-"""A Markov kernel of one's own, in the form of BlackJAX's: `init` and `step`.
+"""A custom Markov kernel, in the form of BlackJAX's: `init` and `step`.
 
 Such a kernel takes the place of hybrid Monte Carlo in the tempered filter's moves and in the chains of the HMC filters. It sees
 positions in whitened coordinates, in which the density is about as wide in one direction as in another, and may read the step
@@ -39,7 +39,7 @@ class Updated(NamedTuple):
 
     Attributes:
         state: The kernel's state.
-        acceptance: Acceptance rate; NaN of a kernel that tells none.
+        acceptance: Acceptance rate; NaN if the kernel does not report one.
         divergent: Whether it diverged.
         evaluations: Evaluations of the density, where the kernel counts them, else 1; int32.
     """

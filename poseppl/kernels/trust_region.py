@@ -8,9 +8,9 @@ and lambda follows the ratio of the cost's fall to that which the quadratic mode
 coordinates, u, it is the mean of H_ii u_i^2 over u^2, so that no step is long in these units; without, the diagonal of H
 (Marquardt 1963, doi:10.1137/0111030), which needs none.
 
-Bounds and rows of a matrix are held exactly: each step solves its quadratic programme by a primal-dual active set method
+Bounds and rows of a matrix are met exactly: each step solves its quadratic programme by a primal-dual active set method
 (Hintermueller, Ito and Kunisch 2002, doi:10.1137/S1052623401383558), which begins with the constraints that the state lies on
-and the gradient pulls against. What is left of a step that does not settle is clipped at the bounds and ends at the first row
+and the gradient pulls against. The rest of a step that does not settle is clipped at the bounds and ends at the first row
 that it meets. H may be indefinite or singular: where H + lambda W is not positive definite, lambda grows. The cost never rises.
 
 All starts climb side by side, each with a lambda of its own, until all have converged.
@@ -42,13 +42,13 @@ _PASSES = 12
 
 
 class OptimizationResult(NamedTuple):
-    """Where a search is, one for each start.
+    """The state of a search, one for each start.
 
     Attributes:
         states: Shape (d,).
         costs: -log p there, a scalar.
-        gradients: Of the cost (d,).
-        curvatures: Of the cost (d, d), as the search was given them.
+        gradients: Gradient of the cost (d,).
+        curvatures: Curvature of the cost (d, d), as the search was given it.
         damping: lambda, a scalar.
         converged: Whether another step would gain less than the tolerance.
         stopped: Whether it converged or gave up.
@@ -82,7 +82,7 @@ def climb_modes(
         starts: Shape (S, d); they are projected onto the constraints.
         log_density: Unnormalised log-density of one state, a scalar.
         curvature: Curvature (d, d) of its negative at one state: Gauss-Newton's, or the Hessian itself, definite or not.
-        constraints: What states keep to.
+        constraints: Constraints of the states.
         units: Units of the coordinates (d,): changes of about a unit are as long in one coordinate as in another, such as the
             standard deviations of a step of the transition. None takes the curvature for it.
         num_steps: Steps of each start at most; steps that are refused count.
@@ -128,7 +128,7 @@ class Step(NamedTuple):
     """A step of one climb.
 
     Attributes:
-        state: Where it leads to, within all constraints (d,).
+        state: The end of the step, within all constraints (d,).
         whole: The step on the face, as if nothing but the active constraints were in its way (d,).
         possible: Whether this damping allows a step; otherwise it leads nowhere.
     """
@@ -165,12 +165,12 @@ class Face(NamedTuple):
     """Active constraints, and the step on their face.
 
     Attributes:
-        lower: Coordinates (d,) that are held at their lower bounds.
-        upper: Coordinates (d,) that are held at their upper bounds.
-        rows: Rows (m,) that hold.
+        lower: Coordinates (d,) that are at their lower bounds.
+        upper: Coordinates (d,) that are at their upper bounds.
+        rows: Rows (m,) that are active.
         step: Shape (d,).
-        multipliers: Of all constraints (d + m,), in the order of `Constraints.normals`: at a constrained minimum of the cost,
-            gradient + normals^T multipliers = 0 with multipliers >= 0; 0 where a constraint is not active.
+        multipliers: Multipliers of all constraints (d + m,), in the order of `Constraints.normals`: at a constrained minimum of
+            the cost, gradient + normals^T multipliers = 0 with multipliers >= 0; 0 where a constraint is not active.
     """
 
     lower: Array
@@ -192,7 +192,7 @@ def constrained_step(at: OptimizationResult, constraints: Constraints, units: Ar
         slack, tolerance = constraints.limits - constraints.rows @ at.states, constraints.row_tolerance(at.states)
         toward = constraints.rows @ (state - at.states)
         meets = toward > jnp.maximum(slack, 0.0) + tolerance
-        # a step through a row that it starts on was to be held by it: with more damping it is
+        # a step through a row on which it starts must be stopped by it: with more damping it is
         possible = possible & ~jnp.any(meets & (slack <= tolerance))
         share = jnp.min(jnp.where(meets, slack / jnp.where(meets, toward, 1.0), 1.0))
         state = jnp.where(share < 1.0, at.states + share * (state - at.states), state)

@@ -6,7 +6,7 @@ families, of N equally weighted particles, and a total variance of 1, of which t
 
     E[1 - b] = s^2 (1 - F / N),        E[b] = s_f^2 (1 - sum w_a^2) + s^2 (F - 1) / N
 
-tell the variances s^2 within families and s_f^2 between them (Searle, Casella and McCulloch 1992, chapter 4, of one random
+give the variances s^2 within families and s_f^2 between them (Searle, Casella and McCulloch 1992, chapter 4, of one random
 factor), and the sample's mean errs by s_f^2 sum w_a^2 + s^2 / N times the sample's own variance: the effective number is its
 inverse (Kish 1965, section 5.4). It is N of particles that have forgotten their ancestors, and 1 / sum w_a^2 - 1 of copies.
 """
@@ -22,7 +22,7 @@ def clustered_ess(particles: Array, families: Array) -> Array:
 
     Args:
         particles: (N, d).
-        families: The family of each (N,), from 0 to N - 1. Of a single one nothing tells how alike it is: it counts as 1.
+        families: The family of each (N,), from 0 to N - 1. The likeness within a single family is unknown: it counts as 1.
 
     Example:
         >>> alike = jnp.array([[0.0], [0.0], [1.0], [1.0], [2.0], [2.0], [3.0], [3.0]])

@@ -5,9 +5,9 @@ times a triangular matrix of ones is its running sum, and the rows' totals are s
 matrix product, at the speed of reading and writing. Few totals are summed at once, each from all before it, for each level
 takes its time to compile.
 
-The numbers are integers held as floats, so sums are exact below 2^24 in float32. Longer numbers come in two parts, a whole one
-and a fraction in units of 2^-20 (2^-49 in float64), and each level carries from the second into the first: sums keep 20 bits
-after the point at any length, and entries of zero change nothing, to the last bit.
+The numbers are integers stored as floats, so sums are exact below 2^24 in float32. Longer numbers come in two parts, a whole
+one and a fraction in units of 2^-20 (2^-49 in float64), and each level carries from the second into the first: sums keep 20
+bits after the point at any length, and entries of zero change nothing, to the last bit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def unit(dtype: np.dtype[Any]) -> float:
 
 
 def _bits(dtype: np.dtype[Any]) -> int:
-    """Of a fraction, after the point."""
+    """Digits of a fraction, after the point."""
     return int(np.finfo(dtype).nmant) - 3
 
 
@@ -51,7 +51,7 @@ def largest_sum(dtype: np.dtype[Any]) -> int:
 
 
 def running_sum(x: Array) -> Array:
-    """Sums of the first 1, 2, ..., N of integers (N,) held as floats."""
+    """Sums of the first 1, 2, ..., N of integers (N,) stored as floats."""
     if x.shape[0] <= _FEW:
         return _at_once(x)
     rows = _rows(x)

@@ -1,6 +1,6 @@
 """Normal and uniform random numbers from one call of the generator.
 
-Each call of `jax.random` adds the generator's code to a program anew, which takes long to compile: numbers that are wanted
+Each call of `jax.random` adds the generator's code to a program again, which takes long to compile: numbers that are wanted
 together are drawn together.
 """
 

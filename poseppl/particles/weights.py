@@ -102,7 +102,7 @@ def effective_sample_size(log_weights: Array) -> Array:
 
 
 def weighted_mean(particles: Array, log_weights: Array) -> Array:
-    """Mean (d,) of particles (N, d) with log-weights (N,); particles of zero weight are not read, whatever they hold."""
+    """Mean (d,) of particles (N, d) with log-weights (N,); particles of zero weight are not read, whatever their values."""
     weights = normalise(log_weights).weights
     return weights @ _without_weightless(particles, weights)
 

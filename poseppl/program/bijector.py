@@ -71,7 +71,7 @@ class Site(NamedTuple):
         discrete: Whether it takes integer or boolean values.
         identity: Whether its bijector is the identity (real, circular or discrete support).
         flat_shape: Shape of the unconstrained value.
-        offset: Where it starts in the flat vector.
+        offset: Its start in the flat vector.
         size: How many entries it takes there.
         split: Whether it takes integers beyond 2^24, in two coordinates for each entry.
     """

@@ -2,7 +2,7 @@
 
 The flat state of a compiled model is unconstrained: a site over an interval is seen through a logistic function, in which its
 bounds lie at infinity, and the mode of the density is another one. A search for modes under constraints wants the site itself:
-here sites of elementwise supports with bounds stand in the flat state as they are, all others as before.
+here sites of elementwise supports with bounds have their own values in the flat state, all others as before.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Bounded(NamedTuple):
     """A model in bounded coordinates.
 
     Attributes:
-        model: Its flat state holds sites with bounds as they are; densities are those of that state.
+        model: In its flat state, sites with bounds have their own values; densities are those of that state.
         lower: Bounds of the flat state (d,), -inf where there is none.
         upper: Likewise, inf.
         unbounded: The model that it was made of.

@@ -1,7 +1,7 @@
 """Closed forms that a distribution may have; an observation program that samples from it is then faster.
 
 Both are optional, and found by their methods' names: a distribution need not inherit anything. They say the same as the
-distribution's `log_prob`, `loc` and `scale` do, in another way, and :func:`check_closed_forms` holds them against each other.
+distribution's `log_prob`, `loc` and `scale` do, in another way, and :func:`check_closed_forms` compares them.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class WhitenedJacobian(Protocol):
     """A Gaussian distribution that knows the derivative of its location, divided by its standard deviation.
 
     Attributes:
-        state: What it is a function of (n,), as it was given to the distribution: mostly the model's state.
-        fixed: All else that its location is computed from. Where this depends on the model's state, too, the closed form
-            does not apply, and automatic differentiation stands in.
+        state: Its argument (n,), as it was given to the distribution: mostly the model's state.
+        fixed: All else that its location is computed from. If this depends on the model's state, too, the closed form does not
+            apply, and automatic differentiation is used.
     """
 
     state: Array
@@ -49,11 +49,11 @@ class WhitenedJacobian(Protocol):
 def check_closed_forms(
     distribution_of: Callable[[Array], dist.Distribution], state: Any, value: Any, *, tolerance: float = 1e-3
 ) -> None:
-    """Hold what a distribution knows in closed form against its `log_prob`, and against automatic differentiation.
+    """Compare a distribution's closed forms with its `log_prob` and with automatic differentiation.
 
     Args:
         distribution_of: The distribution as a function of its `state`.
-        state: Where to check (n,).
+        state: The point (n,) at which they are compared.
         value: A value of the distribution; every other entry is checked as masked.
         tolerance: Largest difference that is accepted, as a share of the largest entry.
 

@@ -1,6 +1,6 @@
 r"""Errors of a detector that is sometimes altogether wrong: Student's t, mixed with points anywhere in the picture.
 
-Of an error vector r (n,) with weights W, the inverse of the squared scale, a window of volume V, and log-odds c of clutter,
+For an error vector r (n,) with weights W, the inverse of the squared scale, a window of volume V, and log-odds c of clutter,
 
     p(r) = (1 - pi) t_nu(r; W^-1) + pi / V,    pi = 1 / (1 + exp(-c)).
 

@@ -70,8 +70,8 @@ class CompiledModel:
         programs: The NumPyro programs.
         sites: The state's sites by name, in the order of the flat vector.
         observation_sites: The observation's data sites by name.
-        randomness: What a draw from each program takes of the generator, by the program's name.
-        params: What the programs get as `params`; may hold tracers.
+        randomness: The random numbers that a draw from each program uses, by the program's name.
+        params: Passed to the programs as `params`; may contain tracers.
         unbound: Whether params are still to be set by `with_params`.
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
         noiseless: Names of the state's real sites that follow from others without noise (`Delta`), at first or later.
@@ -179,8 +179,9 @@ class CompiledModel:
     def differentiable_draw(self, x: Array, x_previous: Array | None = None, inputs: Inputs = None) -> tuple[Array, Array]:
         """A drawn state (d,), and a log-weight of value 0, which together have the derivative of an expectation of draws.
 
-        Draws of integers, mixtures and rejection samplers do not know what they were drawn by: their log-density tells it, as
-        the derivative of the weight (the score; Schulman et al. 2015, arXiv:1506.05254, section 2). Other draws have their own.
+        Draws of integers, mixtures and rejection samplers do not know what they were drawn by: their log-density provides it,
+        as the derivative of the weight (the score; Schulman et al. 2015, arXiv:1506.05254, section 2). Other draws have their
+        own.
         """
         program = self.programs.initial if x_previous is None else self.programs.transition
         arguments = self._arguments(inputs, x_previous)
@@ -207,7 +208,7 @@ class CompiledModel:
         return draw(self.programs.observation, arguments, rng_key, self.randomness["observation"])
 
     def draw_data(self, rng_key: Array, x: Array, inputs: Inputs = None) -> DrawnData:
-        """Draw a frame's data (k,) given `x`, in the order of `flat_observation`, and tell their moments.
+        """Draw a frame's data (k,) given `x`, in the order of `flat_observation`, and return their moments.
 
         Raises:
             ValueError: The observation program has a heuristic likelihood, which predicts no data.
@@ -374,7 +375,7 @@ class CompiledModel:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite.
 
         If ``majorised``, that of robust errors is of the quadratic that touches their potential from above. With a covariance
-        ``spread`` (d, d) of the state about `x` it is taken at errors as large as they are expected to be, not at those of `x`.
+        ``spread`` (d, d) of the state about `x`, it is evaluated at the expected size of the errors, not at those of `x`.
         """
 
         def trace_of(state: Array) -> Any:
@@ -415,7 +416,8 @@ class CompiledModel:
     ) -> Observation:
         """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`.
 
-        What is one stays as it is. The logger "poseppl" warns once of each site that float32 rounds; see `rounding_notes`.
+        An `Observation` is returned unchanged. The logger "poseppl" warns once of each site that float32 rounds; see
+        `rounding_notes`.
         """
         if isinstance(values, Observation):
             return values

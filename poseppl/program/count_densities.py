@@ -175,7 +175,7 @@ _DENSITIES: dict[type, Callable[[Any, Any], Array]] = {
 }
 """Densities by the very type of a distribution: what inherits from one may have another density."""
 _INNER = ("base_dist", "_component_distribution", "_component_distributions")
-"""Where distributions that wrap, inflate or mix others have these."""
+"""The attributes in which distributions that wrap, inflate or mix others keep these."""
 
 
 def stable(distribution: Any) -> Any:

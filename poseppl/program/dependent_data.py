@@ -78,7 +78,7 @@ def check_parents_seen(sites: Mapping[str, Declared], dependent: DependentData, 
     Args:
         sites: The data sites.
         dependent: How they depend on one another.
-        mask: What was seen, of one frame or with a leading T.
+        mask: The data, of one frame or with a leading T.
 
     Raises:
         ValueError: There are such data; the message names both sites.
@@ -111,7 +111,7 @@ def log_density_of_seen(sites: Mapping[str, Declared], dependent: DependentData,
 def log_densities_of_events(
     sites: Mapping[str, Declared], dependent: DependentData, trace_of: TraceOf, data: Observation
 ) -> dict[str, Array]:
-    """Of each site in a Gaussian group the log-density of its events, given the seen ones before them."""
+    """For each site in a Gaussian group, the log-density of its events, given the seen ones before them."""
     found = {}
     for group in dependent.gaussian:
         laid_out, entries = _laid_out(sites, group), _entries(sites, group, trace_of, data)

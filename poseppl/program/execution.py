@@ -64,7 +64,7 @@ def is_factor(site: Mapping[str, Any]) -> bool:
 
 
 class RngBudget(NamedTuple):
-    """What a draw from a program takes of the generator.
+    """The random numbers that a draw from a program uses.
 
     Attributes:
         num_keys: PRNG keys of its own, for sites that are not Normal, and plates that subsample.
@@ -84,7 +84,7 @@ class Seed(handlers.seed):  # type: ignore[misc]
 
     Args:
         rng_key: The key.
-        randomness: What the program needs; None splits as it goes, and `counted` tells afterwards.
+        randomness: The numbers that the program needs; None splits keys on demand, and `counted` returns the number afterwards.
     """
 
     def __init__(self, rng_key: Array, randomness: RngBudget | None) -> None:

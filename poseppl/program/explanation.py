@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 _NAMED = 6
-"""Arrays whose shapes a message tells."""
+"""Arrays whose shapes the message lists."""
 _CONFUSED = (TypeError, ValueError, AttributeError, IndexError)
 """Errors of programs that get something else than they expect."""
 
@@ -29,7 +29,7 @@ def explained(which: str, state: Iterable[str], arguments: tuple[Any, ...]) -> I
     Args:
         which: Name of the program.
         state: Names of the state's sites.
-        arguments: What it got: params, values of the state's sites if it takes them, inputs, ...; or nothing.
+        arguments: The arguments that it got: params, values of the state's sites if it takes them, inputs, ...; or nothing.
 
     Raises:
         ValueError: Whatever a program raises that was called with something unexpected.

@@ -30,7 +30,7 @@ class Constant(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where the inputs that vary and those that are constant go."""
+    """The positions of the inputs that vary and of those that are constant."""
 
     tree: Any
     constant: tuple[bool, ...]
@@ -42,7 +42,7 @@ class Layout(NamedTuple):
 
 
 def device_array(value: Any, declared: Any = None) -> Array:
-    """The value as a JAX array of its own dtype, or of the declared one if that holds it exactly.
+    """The value as a JAX array of its own dtype, or of the declared one if that represents it exactly.
 
     A Python number has a weak dtype, and an integer another one than a float: each would be compiled for again.
     """
@@ -52,7 +52,7 @@ def device_array(value: Any, declared: Any = None) -> Array:
 
 
 def split_inputs(inputs: Any) -> tuple[Layout, list[Any], list[Any]]:
-    """Where inputs go, those that vary, and those that are constant."""
+    """The positions of inputs, those that vary, and those that are constant."""
     leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
     flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
     constant = [jax.tree.map(device_array, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]

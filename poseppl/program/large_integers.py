@@ -1,7 +1,7 @@
 """Which integer sites of a state are too large for float32, in which the flat state is computed.
 
-The supports do not tell: a Poisson has no upper bound. So a first state is made when a model is compiled, each site at its mean
-or, where its distribution gives none, at a draw. Sites that are large there get two coordinates for each entry
+The supports do not show this: a Poisson has no upper bound. So a first state is made when a model is compiled, each site at its
+mean or, where its distribution gives none, at a draw. Sites that are large there get two coordinates for each entry
 (:class:`poseppl.program.bijector.SplitIntegers`). Others may still grow beyond 2^24, and the drivers of runs look for them.
 """
 
@@ -72,7 +72,7 @@ def are_exact(sites: Mapping[str, Site], states: Array) -> Array:
 
 
 def overflown(sites: Mapping[str, Site], states: Any) -> list[str]:
-    """Names of the integer sites that some of the flat states (..., d) do not hold exactly."""
+    """Names of the integer sites that some of the flat states (..., d) do not represent exactly."""
     names = unsafe_integers(sites)
     if not names or isinstance(states, jax.core.Tracer):  # of which nothing is known yet
         return []
@@ -93,7 +93,7 @@ def check_exact(sites: Mapping[str, Site], states: Any) -> None:
 
 
 def overflow_message(names: list[str]) -> str:
-    """What to do about them."""
+    """The remedy."""
     listed = ", ".join(map(repr, names))
     return (
         f"integers of site {listed} reach 2^24 = {LARGEST}, from where float32 loses units. Call "

@@ -1,11 +1,11 @@
 """Builders that build once: the same filter, smoother or collector for the same model and equal settings.
 
-JAX compiles for a function anew whenever it is another object, however equal what it does. A builder decorated with
+JAX compiles a function again whenever it is another object, even if it does the same. A builder decorated with
 :func:`memoized_builder` returns for equal settings the very object that it returned before, so that what was compiled for it
-serves again. What is built is kept on the builder's first argument (a model, a filter, a smoother), and dies with it.
+serves again. The result is kept on the builder's first argument (a model, a filter, a smoother), and dies with it.
 
 >>> class Model:
-...     '''Anything that can hold attributes.'''
+...     '''Anything that can have attributes.'''
 >>> @memoized_builder
 ... def squarer(model, power=2):
 ...     return lambda x: x**power
@@ -41,7 +41,7 @@ def memoized_builder(build: Callable[P, R]) -> Callable[P, R]:
 
     Settings are equal if they are of the same types and values; arrays count by their contents, functions by identity. Builds
     while JAX traces, and those with a setting that cannot be compared, are kept nowhere. A result with a field ``model`` that
-    is None is told the first argument as its model.
+    is None gets the first argument as its model.
     """
     signature = inspect.signature(build)
 

@@ -38,7 +38,7 @@ class StateSpaceModel(NamedTuple):
 
         Args:
             inputs: The inputs of one frame, a pytree of arrays (or of their shapes) or None; only shapes and dtypes count.
-            params: What the programs get as `params`. Without it, a model with a parameters program is checked with a draw
+            params: Passed to the programs as `params`. Without it, a model with a parameters program is checked with a draw
                 from that program, and `with_params` has to be called before use.
 
         Raises:

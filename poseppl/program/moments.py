@@ -45,7 +45,7 @@ def moments(distribution: dist.Distribution, shape: tuple[int, ...] | None = Non
     no variance (NaN), as it has no density, though its square is one.
 
     Raises:
-        ValueError: A multivariate distribution that does not tell its covariance.
+        ValueError: A multivariate distribution without a known covariance.
     """
     base = unwrap(distribution)
     shape = distribution.shape() if shape is None else shape
@@ -106,7 +106,7 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
             )
         if is_masked(site["fn"]):
             raise UnsuitableModelError(
-                f"The observation program masks the site {name!r} itself, which its Gaussian moments do not tell. Leave the "
+                f"The observation program masks the site {name!r} itself, which its Gaussian moments do not include. Leave the "
                 "mask out, with NaN for the data that it hides, or use an algorithm that evaluates the likelihood (particle, "
                 "tempered or HMC filters)."
             )
@@ -143,8 +143,8 @@ def observation_information(
         x: Flat state (d,).
         majorised: Whether that of a robust site is of the quadratic that touches its potential from above, of which a step
             never goes too far.
-        spread: Covariance (d, d) of the state about `x`: that of a robust site is then taken at squared errors as large as they
-            are expected to be, and not at those of `x` alone.
+        spread: Covariance (d, d) of the state about `x`: that of a robust site is then evaluated at the expected squared
+            errors, not at those of `x` alone.
         left_out: Sites that are not counted.
     """
     residual: list[str] = []

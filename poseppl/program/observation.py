@@ -1,6 +1,6 @@
 """Data at the host boundary: values of the observation's sites, with an explicit mask for what is missing.
 
-Outside, NaN means missing. Inside there is no NaN: a masked entry holds a value within the support, so that densities and
+Outside, NaN means missing. Inside there is no NaN: a masked entry has a value within the support, so that densities and
 gradients of masked entries are finite before they are multiplied by zero.
 """
 
@@ -40,7 +40,7 @@ def check_is_observation(data: Any) -> None:
     """
     if not isinstance(data, Observation):
         raise ValueError(
-            f"The data are a {type(data).__name__}. Expected an Observation, which tells what is missing: "
+            f"The data are a {type(data).__name__}. Expected an Observation, which marks missing data: "
             "model.observe({site: values}), with NaN where nothing was seen."
         )
 
@@ -210,5 +210,5 @@ def _check_support(name: str, site: Declared, values: np.ndarray[Any, Any]) -> N
     if not inside.all():
         raise ValueError(
             f"Observation {name!r} has values outside the support {site.support} of its distribution. "
-            "Mend the data, or mask the entries that are wrong."
+            "Correct the data, or mask the wrong entries."
         )

@@ -23,8 +23,8 @@ class DrawnData(NamedTuple):
     Attributes:
         sites: A draw by site.
         values: The draw (k,).
-        mean: Its mean (k,); NaN where the distribution does not tell.
-        variance: Its variance (k,); NaN where the distribution does not tell.
+        mean: Its mean (k,); NaN if the distribution does not provide it.
+        variance: Its variance (k,); NaN if the distribution does not provide it.
     """
 
     sites: dict[str, Array]

@@ -1,4 +1,4 @@
-"""What float32 rounds away of data and their densities: it has 24 bits, one part in 16 million."""
+"""Rounding of data and their densities in float32: it has 24 bits, one part in 16 million."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TraceOf = Callable[[Array, Any], Mapping[str, Any]]
 
 
 class Resolution:
-    """What is rounded of the data of a model.
+    """Describe how the data of a model are rounded.
 
     Args:
         trace_of: `(flat state (d,), inputs) -> trace of the observation program`; None where params are not known.

@@ -1,6 +1,6 @@
 r"""Robust errors: a Gaussian bent so that outliers count little (Sminchisescu and Triggs 2001, section 3.1).
 
-Of a residual vector r (n,) with weight matrix W, the inverse of the Gaussian's covariance,
+For a residual vector r (n,) with weight matrix W, the inverse of the Gaussian's covariance,
 
     p(r) \propto exp(-rho(s) / 2),    s = r^T W r,    rho(0) = 0,    rho'(0) = 1,
     Lorentzian   rho(s) = nu log(1 + s / nu),
@@ -9,7 +9,7 @@ Of a residual vector r (n,) with weight matrix W, the inverse of the Gaussian's 
 nu being the strength: errors of more than sqrt(nu) standard deviations count as outliers. The vector is the event of the
 Gaussian: `dist.Normal(points, 3.0).to_event(1)` has image points as vectors, without `to_event` every entry is one by itself.
 
-Where the residual is a function of a state with derivative J, the gradient of -log p by the state is rho' J^T W r, and its
+If the residual is a function of a state with derivative J, the gradient of -log p by the state is rho' J^T W r, and its
 curvature, the derivative of J left out (section 4.1),
 
     J^T (rho' W + 2 rho'' (W r) (W r)^T) J,
@@ -216,7 +216,7 @@ class Leclerc(RobustError):
         super().__init__(gaussian, strength, validate_args=validate_args)
 
     is_predictive = False
-    """Draws are of the peak alone: a window's volume does not tell where it lies."""
+    """Draws are of the peak alone: a window's volume does not determine its position."""
 
     def potential(self, squared: Array) -> Array:
         """The potential rho of squared errors."""

@@ -87,7 +87,7 @@ class Declaration(NamedTuple):
         factors: Its factors.
         weighed: Sample sites whose density a scale or a mask changes.
         deterministic: Its deterministic values.
-        randomness: What a draw takes of the generator.
+        randomness: The random numbers that a draw uses.
     """
 
     sites: dict[str, Declared]
@@ -103,7 +103,7 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     Args:
         which: Name of the program, for messages.
         program: The NumPyro program.
-        arguments: Its arguments; arrays (or their shapes) and floats are traced, anything else is passed as it is.
+        arguments: Its arguments; arrays (or their shapes) and floats are traced, anything else is passed unchanged.
         state: Names of the state's sites, to suggest in messages.
 
     Raises:

@@ -1,12 +1,12 @@
 """Gaussian moments of a frame's flat state, from the distributions of the program that samples it.
 
-Where no site depends on another of its frame these are their own moments, side by side. A site whose mean depends on sites
+If no site depends on another of its frame, these are the moments of the single sites. A site whose mean depends on sites
 that were sampled before it makes a chain: with the conditional mean m_k and covariance S_k of each site's coordinates,
 
     x_k = m_k(x_1, ..., x_(k-1)) + e_k,      Cov(e_k) = S_k,      so that x = g(e_1, e_2, ...),
 
 and the frame has the mean g(0) and the covariance J diag(S_1, S_2, ...) J^T with J = dg / de at 0. That is exact where every
-m_k is affine. Where one is not, it is linearised about the mean, which :attr:`MomentsForm.linearised` says. A covariance S_k
+m_k is affine. Otherwise it is linearised about the mean, which :attr:`MomentsForm.linearised` says. A covariance S_k
 that depends on a site of its frame is refused.
 
 The flat coordinates of a site with bounds are Gaussian where it is a Normal seen through its own bijector: the logarithm of a
@@ -112,7 +112,7 @@ def _dependence(
     parts_of: Callable[[str, Mapping[str, Any]], Mapping[Any, Any]],
     factors: bool = False,
 ) -> dict[Any, list[str]]:
-    """For each part (a tree of arrays) that is told of each traced site, the sites that it depends on."""
+    """For each part (a tree of arrays) that describes a traced site, the sites that it depends on."""
     counts: dict[Any, int] = {}
 
     def leaves(values: dict[str, Array]) -> list[Any]:

@@ -1,6 +1,6 @@
 """Charts as Plotly's figures, which the page draws, and whose traces :func:`poseppl.report.picture.draw` draws into a picture.
 
-Names of results stand in them as they are: the page's script escapes them for Plotly, which reads a few HTML tags.
+They contain names of results unchanged: the page's script escapes them for Plotly, which reads a few HTML tags.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Panel(NamedTuple):
     yaxis: dict[str, Any] = {}
     xaxis: dict[str, Any] = {}
     color: str = ""
-    """Of a dot before the title."""
+    """Colour of a dot before the title."""
     missing: str = ""
     """Why it is empty."""
 

@@ -63,7 +63,7 @@ def charts(tree: xr.DataTree) -> dict[str, Any]:
 def error_traces(tree: xr.DataTree) -> Traces:
     """Mean joint error over frames on the 90 % band of errors that the posterior expects; nothing without markers.
 
-    The band holds the distance of draws from their mean: where the posterior is calibrated the truth behaves as one more draw.
+    The band shows the distance of draws from their mean: where the posterior is calibrated the truth behaves as one more draw.
     """
     expected, error = expected_error(tree), variable(tree, "diagnostics", "joint_error")
     relative = variable(tree, "diagnostics", "joint_error_relative")
@@ -192,7 +192,7 @@ def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
 
 
 def histogram(share: Array, error: Array, name: str, ideal: str, whole: float = 1.0) -> list[Any]:
-    """Bars of what each bin between 0 and 1 holds of a whole, with their error, and the line where all are equal."""
+    """Bars of the share of each bin between 0 and 1, with their error, and the line where all are equal."""
     look = {"color": SAMPLE, "line": {"color": "white", "width": 1}}
     places = {"x": (np.arange(BINS) + 0.5) / BINS, "width": 1 / BINS}
     drawn = go.Bar(y=share, name=name, marker=look, error_y=bars(error, color=POSTERIOR), **places)

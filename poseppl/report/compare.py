@@ -33,7 +33,7 @@ def write_comparison(tree: xr.DataTree, path: FilePath) -> None:
     """Write the page of a comparison.
 
     Args:
-        tree: Of :func:`poseppl.diagnostics.compare`.
+        tree: The tree of :func:`poseppl.diagnostics.compare`.
         path: The HTML file, overwritten if it exists; it appears when it is whole.
 
     Raises:

@@ -1,6 +1,6 @@
 """The charts of a comparison; of ``heat`` one for each figure, of ``variance`` one for each coordinate, by their labels.
 
-Bounded in size for any length of sequence: heat maps hold at most 300 frames and 60,000 cells, lines at most 600 frames.
+Bounded in size for any length of sequence: heat maps have at most 300 frames and 60,000 cells, lines at most 600 frames.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ HEATS = (
     ("rhat", "R-hat", False, False, (1.0, 1.5)),
     ("error_over_sd", "error / standard deviation", False, False, (0.0, 3.0)),
 )
-"""Of each heat map the figure, its label, whether it is logarithmic, whether more is better, and the ends of its colours."""
+"""For each heat map: the figure, its label, whether it is logarithmic, whether more is better, and the ends of its colours."""
 COSTS = {"ess_per_second": "ESS per second", "ess_per_evaluation": "ESS per evaluation"}
 
 

@@ -1,4 +1,4 @@
-"""The tables of a comparison: the runs, who wins in which coordinate, every coordinate, forecasts, and what was run."""
+"""The tables of a comparison: the runs, winners by coordinate, every coordinate, forecasts, and settings of the runs."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def coordinates_table(tree: xr.DataTree) -> list[Row]:
 
 
 def foretold(tree: xr.DataTree) -> Iterator[tuple[str, list[tuple[ShownRun, xr.Dataset]]]]:
-    """Of each data site of forecasts, the runs that foretold it and their scores by lead; not too many sites."""
+    """For each data site of forecasts, the runs that predicted it and their scores by lead; not too many sites."""
     data = group_of(tree, "forecasts")
     for site in data["site"].values[:MAX_SITES].tolist() if data else ():
         yield site, [(run, data.sel(site=site, run=run.name)) for run in shown_runs(tree) if run.name in data["run"].values]
@@ -94,7 +94,7 @@ def forecasts_table(tree: xr.DataTree) -> list[Row]:
 
 
 def winners_table(tree: xr.DataTree) -> list[Row]:
-    """List who wins in which coordinate, and how far ahead of the next."""
+    """List the winner of each coordinate, and its lead over the next."""
     data, cells = tree["winner_by_state_dim"].dataset, {run.name: run.cell for run in shown_runs(tree)}
     return [
         {quantity: _outcome(data.isel(state_dim=state_dim).sel(quantity=quantity), cells) for quantity in QUANTITIES}

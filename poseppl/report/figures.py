@@ -33,7 +33,7 @@ from poseppl.runs.contents import names_of
 
 NUM_OVERLAYS = 5
 TITLE_LETTERS = 110
-"""Of a line of a picture's title."""
+"""Length of a line of a picture's title."""
 MAX_RANKS = 24
 WIDTH = 2.6
 """Standard errors of a bar of ranks: 99 %."""

@@ -1,6 +1,6 @@
-"""Pages of one HTML file that holds its style, data and scripts, and opens without a network.
+"""Pages of one HTML file that contains its style, data and scripts, and opens without a network.
 
-What comes from results is escaped: by Jinja2 in the templates, in the data by the page's script before Plotly reads a text.
+Texts from results are escaped: by Jinja2 in the templates, in the data by the page's script before Plotly reads a text.
 A browser runs no script but the page's own, which it knows by their hashes, and fetches nothing (content security policy).
 
 An array of numbers goes in as 16-bit codes between its least and its largest value, base64, and once, however often it stands
@@ -120,7 +120,7 @@ def page_html(template: str, **content: Any) -> str:
 
     Args:
         template: Its name among the package's templates.
-        content: What the template reads; ``data`` goes to the script, by the id of its element.
+        content: The variables of the template; ``data`` goes to the script, by the id of its element.
 
     Returns:
         The whole page.

@@ -20,7 +20,7 @@ from poseppl.runs.contents import arrays_of, draws_of, frame_numbers, group_of, 
 MAX_FRAMES = 120
 MAX_SAMPLES, MIN_SAMPLES = 20, 4
 MAX_VALUES = 240_000
-"""Of the draws in space, and of those in the images: more frames, cameras or markers are shown by fewer draws."""
+"""Numbers of the draws in space, and of those in the images: more frames, cameras or markers are shown by fewer draws."""
 FARTHEST = 20.0
 """Draws farther from the middle than this many times what is shown are drawn there."""
 NEAR_ZERO = 250.0
@@ -160,7 +160,7 @@ def _cameras(tree: xr.DataTree, markers: Array) -> dict[str, Any] | None:
 
 
 def _rays(tree: xr.DataTree, markers: Array, chosen: Array) -> Array | None:
-    """Where rays through the observed points pass by the mean markers, as far away as these.
+    """Points on the rays through the observed points, at the distance of the mean markers.
 
     A ray is that to the mean marker, turned by the residual in the image over the focal length: exact without distortion, and
     with it right to first order in the residual.

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that holds everything, its scripts included, and opens without a network.
+"""The report of a run: one HTML file that contains everything, its scripts included, and opens without a network.
 
 Bounded in size for any length of sequence: the slider shows at most 120 frames with 20 draws each, charts at most 600 frames.
 """

@@ -1,4 +1,4 @@
-"""Charts of a model of one's own, under the names of its sites and in their units: its data, and its state.
+"""Charts of a model of your own, under the names of its sites and in their units: its data, and its state.
 
 Units are the result's own, ``attrs={"units": {"level": "m"}}`` of :func:`poseppl.infer`, by site.
 """
@@ -23,7 +23,7 @@ LEVELS = (0.05, 0.5, 0.95)
 
 
 def data_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
-    """The data over the frames, by site and entry, on what the posterior predicts of them, where the result tells."""
+    """The data over the frames, by site and entry, over their posterior predictions, if the result has these."""
     seen, predicted = group_of(tree, "observed_data"), group_of(tree, "posterior_predictive")
     x, made = frame_numbers(tree), {}
     for name, at, label in _entries(seen, leading=1):

@@ -98,7 +98,7 @@ def error_table(tree: xr.DataTree) -> list[Row]:
 
 
 def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[Row]:
-    """A row a camera: what it saw, how far off, and how much its calibration was mended, where the result tells."""
+    """A row a camera: its data, their errors, and the correction of its calibration, if the result has these."""
     if errors is None:
         return []
     found, seen = told(tree, "cameras found"), np.isfinite(errors.distance)

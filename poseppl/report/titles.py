@@ -18,14 +18,14 @@ from poseppl.runs.results import provenance
 
 MAX_NAMES = 4
 MAX_LETTERS = 60
-"""Of a name; a longer one is cut in the middle, so that its ending stays."""
+"""Length of a name; a longer one is cut in the middle, so that its ending stays."""
 
 
 def short_names(paths: str) -> str:
-    """Name files by as many of their last parts as tell them apart.
+    """Name files by as many of their last parts as distinguish them.
 
     Args:
-        paths: Paths, separated by a comma and a space; other words are returned as they are.
+        paths: Paths, separated by a comma and a space; other words are returned unchanged.
 
     Returns:
         At most four names, and how many more there are.

@@ -2,12 +2,12 @@
 
 N(m_t, P_t) are the moments of the particles of any filter that keeps to one mode, chiefly
 :mod:`poseppl.filters.assumed_density`, whose own idea of the past they are; the pass is that of
-:mod:`poseppl.smoothers.rauch_tung_striebel`. Observations, about which the filter's particles have told all, are not looked at
-again: they may be as nonlinear as they like. The transition is linearised. For a linear Gaussian model it is exact up to the
+:mod:`poseppl.smoothers.rauch_tung_striebel`. Observations are not used again, because the filter's particles contain their
+information: they may have any nonlinearity. The transition is linearised. For a linear Gaussian model it is exact up to the
 Monte Carlo error of the moments.
 
-Where a posterior leans to one side, as of how far a person is from the only camera, its mode is no mean, and Laplace's
-approximation is off where this is not (``studies/one_camera.py``).
+If a posterior is skewed, such as that of the distance of a person from a single camera, its mode is not its mean. Laplace's
+approximation is then biased; this smoother is not (``studies/one_camera.py``).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def assumed_density_smoother(model: CompiledModel, *, num_draws: int = 1000, lin
         model: The compiled model, its transition with Gaussian moments; the filter has many more particles than the state
             coordinates.
         num_draws: Trajectories to draw.
-        linearisation: Of the transition: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
+        linearisation: Linearisation of the transition: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
 
     Raises:
         ValueError: A number below 1 or an unknown linearisation.

@@ -50,10 +50,11 @@ def backward_simulation_smoother(
         num_trajectories: M, at least 1.
         method: "exact" or "metropolis".
         num_moves: Metropolis moves a frame, at least 1.
-        tile: Trajectories whose N probabilities are held at a time by "exact"; None holds about a million numbers.
+        tile: Trajectories whose N probabilities "exact" keeps in memory at a time; None keeps about a million numbers.
 
     Returns:
-        The smoother; its particles are M trajectories of equal weight, and `ess` tells how many different particles they use.
+        The smoother; its particles are M trajectories of equal weight, and `ess` is the number of different particles that they
+        use.
 
     Raises:
         ValueError: A number below 1 or an unknown method.

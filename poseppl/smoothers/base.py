@@ -135,7 +135,7 @@ class Smoother:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Attributes of a result that tell of the smoother, for those who judge it."""
+        """Attributes of a result that describe the smoother, for diagnostics."""
         fields = {"closed form": self.closed_form, "joint": self.joint}
         return fields | ({"optimizer": True} if self.is_optimizer else {})
 

@@ -1,12 +1,12 @@
 r"""Conditional sequential Monte Carlo: a move between trajectories that leaves their smoothing distribution invariant.
 
 Andrieu, Doucet and Holenstein 2010 (doi:10.1111/j.1467-9868.2009.00736.x), section 4.3. A bootstrap filter of N particles runs
-with one slot, the first, held by the reference trajectory x'. The other N - 1 draw their ancestors independently by the weights
-and are moved by the transition; all are weighed by the likelihood. A trajectory is then drawn. As it stands the reference's
-early frames hardly ever change, and one of two changes mends that:
+with one slot, the first, fixed to the reference trajectory x'. The other N - 1 draw their ancestors independently by the
+weights and are moved by the transition; all are weighed by the likelihood. A trajectory is then drawn. Without further steps
+the reference's early frames hardly ever change. One of two additions corrects that:
 
 * ancestor sampling (Lindsten, Jordan and Schoen 2014, algorithm 2, https://jmlr.org/papers/v15/lindsten14a.html): at each frame
-  the reference's past is drawn anew, with probability proportional to w_(t-1)^i p(x'_t | x_(t-1)^i), and the trajectory is
+  the reference's past is drawn again, with probability proportional to w_(t-1)^i p(x'_t | x_(t-1)^i), and the trajectory is
   traced back along the ancestors from a particle of the last frame, drawn by its weight;
 * backward simulation (Whiteley 2010, in the discussion of Andrieu et al.): the trajectory is drawn from the last frame to the
   first, each state with probability proportional to w_t^i p(x_(t+1) | x_t^i).

@@ -7,7 +7,7 @@ only blocks lie on the diagonal and next to it. Its Gauss-Newton form is built f
 * a transition with Gaussian moments m(x), Q adds (-J, 1)^T Q^(-1) (-J, 1), J = dm / dx, to the blocks of t - 1 and t: a linear
   one the Hessian of -log p(x_t | x_(t-1)), which is the same, without an inverse of Q;
 * any other transition adds |H|, the Hessian H of log p(x_t | x_(t-1)) with its eigenvalues made positive, so that heavy tails,
-  where they are not negative, still tell a scale (Betancourt 2013, doi:10.1007/978-3-642-40020-9_35);
+  where they are not negative, still give a scale (Betancourt 2013, doi:10.1007/978-3-642-40020-9_35);
 * the first frame adds its precision, or |H|, to block (0, 0).
 
 A Gauss-Newton step x + P(x)^(-1) grad log p(x, z) over all frames is a pass of the iterated Kalman smoother (Bell 1994,
@@ -57,7 +57,7 @@ _FLOOR = 1e-6
 def trajectory_precisions(model: CompiledModel, observations: Observation, inputs: Any) -> Callable[..., BlockTridiagonal]:
     """Gauss-Newton curvature of the negative log-density of trajectories (T, d) and their data, as a function of them.
 
-    What of it does not depend on the trajectory, as that of a linear walk, is computed here, once for all trajectories.
+    Parts that do not depend on the trajectory, such as those of a linear walk, are computed here, once for all trajectories.
 
     Args:
         model: The compiled model; its sites need no Gaussian moments.
@@ -117,7 +117,7 @@ class _Climb(NamedTuple):
     """A climb from the end of the one before it.
 
     Attributes:
-        weight: Of the data.
+        weight: Weight of the data.
         is_first: Whether it is from the start.
         is_last: Whether it is the last step to a mode.
     """
@@ -138,8 +138,8 @@ def climb_to_mode(
     Data that hardly count leave the prior's modes; where it has one, the second climb does not depend on the start.
 
     Args:
-        log_density: Of a trajectory (T, d) and the weight () of the data.
-        factor: Of the curvature, of the same, and of whether it is to be majorised: steps by it are seldom too long. The last
+        log_density: Log-density of a trajectory (T, d) and the weight () of the data.
+        factor: The curvature, given the same and whether it is to be majorised: steps by it are seldom too long. The last
             one to a mode, by the curvature itself, goes the rest of the way.
         start: (T, d).
         num_steps: At most, of each climb.
@@ -197,7 +197,7 @@ def draws_about(
     inputs: Any,
     told: Callable[[Array], Any],
 ) -> Any:
-    """What is told of a trajectory, of each of S draws by Laplace's approximation about a mode (T, d), with a leading S."""
+    """The output for each of S draws of a trajectory by Laplace's approximation about a mode (T, d), with a leading S."""
     factor = safe_cholesky(trajectory_precisions(model, observations, inputs)(mode))
 
     def draw(key: Array) -> Any:

@@ -5,8 +5,8 @@ to the members at t they do to the same members at every earlier frame s, by the
 
     x_s,i + C_(x_s, y_t) g_i.
 
-So frame s has seen the data of all frames, or of those up to s + lag. The filter's pass is made anew from the data, as a
-history does not hold what its members predicted. On linear Gaussian models it converges to Rauch, Tung and Striebel's answer
+So frame s has seen the data of all frames, or of those up to s + lag. The filter's pass is repeated from the data, because a
+history does not contain its members' predictions. On linear Gaussian models it converges to Rauch, Tung and Striebel's answer
 with N. The taper is the same for all frames: where what is known moves far in the time of a lag, a shorter lag is safer.
 """
 

@@ -1,7 +1,7 @@
 r"""Fixed-lag smoothing (Kitagawa 1996, doi:10.2307/1390750): what frame t looks like once L more frames have been seen.
 
 p(x_t | z_0..t+L) is approximated by the ancestors at frame t of the particles of frame t + L, with those particles' weights.
-What L leaves out of the future is forgotten (a bias that falls with L), and in exchange few lines have merged (a variance
+Data beyond the lag L are ignored (a bias that falls with L), and in exchange few lines have merged (a variance
 that grows with L): Olsson, Cappe, Douc and Moulines 2008 (doi:10.3150/07-BEJ6150) weigh the two.
 
 Online, `fixed_lag` wraps a filter of particles so that its state carries the last L + 1 frames, gathered by the ancestors of

@@ -1,7 +1,7 @@
 r"""Forward-backward smoothing: new weights for the filter's particles.
 
 Doucet, Godsill and Andrieu 2000 (doi:10.1023/A:1008935410038); section 4.2 of Peursum, Venkatesh and West 2010
-(doi:10.1007/s11263-009-0205-5), who call it FBS. With the filter's particles and weights w_t^i, and the last frame's smoothed
+(doi:10.1007/s11263-009-0205-5), there called FBS. With the filter's particles and weights w_t^i, and the last frame's smoothed
 weights equal to the filter's, for t = T - 2, ..., 0
 
     w_(t|T)^i = w_t^i sum_j w_(t+1|T)^j p(x_(t+1)^j | x_t^i) / sum_k w_t^k p(x_(t+1)^j | x_t^k).
@@ -9,7 +9,7 @@ weights equal to the filter's, for t = T - 2, ..., 0
 Each step needs the N x N densities p(x_(t+1)^j | x_t^i), which are made a tile of rows at a time; a tile is used twice while
 it is in the cache: by K w_t for the denominators and by (w_(t+1|T) / K w_t) K for the sums. Time is O(N^2 T), memory O(N T).
 
-Particles stay where the filter put them: what the filter does not cover, smoothing cannot mend. A later particle that can be
+Particles stay where the filter put them: smoothing cannot correct what the filter does not cover. A later particle that can be
 reached from no earlier one says nothing about them, and its
 weight is shared out as the filter's; `SmoothingInfo.unreachable` is the sum of such weights.
 """
@@ -33,11 +33,11 @@ from poseppl.smoothers.tiles import block_size, check_tile, split_rows, with_den
 
 @memoized_builder
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
-    """Forward-backward smoothing (FBS): the filter's particles, weighted anew by what comes after them.
+    """Forward-backward smoothing (FBS): the filter's particles, weighted again by the frames after them.
 
     Args:
         model: The compiled model.
-        tile: Rows of the N x N matrix that are held at a time; None holds about a million entries.
+        tile: Rows of the N x N matrix that are in memory at a time; None keeps about a million entries.
 
     Returns:
         The smoother; its particles are the filter's, and only each frame's marginal is known.

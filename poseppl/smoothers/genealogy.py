@@ -2,7 +2,7 @@ r"""Smoothing by the filter's own genealogy (Kitagawa 1996, doi:10.2307/1390750)
 
 With a_t the ancestors of frame t, the trajectory of particle i runs through b_(T-1) = i, b_(t-1) = a_t(b_t), and has the last
 frame's weight. It costs nothing and is consistent, but resampling leaves few different ancestors: a hundred frames back,
-often one alone. The baseline against which smoothers are held.
+often one alone. The baseline for other smoothers.
 """
 
 from __future__ import annotations

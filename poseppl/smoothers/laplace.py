@@ -2,14 +2,14 @@ r"""Laplace's approximation of a whole trajectory: its mode, and a Gaussian of t
 
 From the mean of the filter's states, and from the mode of data that hardly count, damped Gauss-Newton steps over all frames
 climb to modes of p(x_0, ..., x_(T-1) | z), of which the higher is m; each step is a pass of an iterated Kalman smoother
-(:mod:`poseppl.smoothers.curvature`), with outliers of robust sites weighed down
-anew in each. Draws are m + L^(-T) e with e standard normal and L L^T the block-tridiagonal curvature at m; means
-and standard deviations of the state are those of the Gaussian. It takes seconds where a Markov chain takes minutes.
+(:mod:`poseppl.smoothers.curvature`), with outliers of robust sites downweighted in each. Draws are m + L^(-T) e with e standard
+normal and L L^T the block-tridiagonal curvature at m; means and standard deviations of the state are those of the Gaussian. It
+takes seconds where a Markov chain takes minutes.
 
-At the mode errors are smaller than those that were made, and robust sites, whose curvature falls with the error, too sure: it
-is therefore taken at squared errors as large as the Gaussian of the curvature at m expects them to be.
+At the mode, errors are smaller than the true ones, and robust sites, whose curvature falls with the error, are overconfident:
+it is therefore taken at squared errors as large as the Gaussian of the curvature at m expects them to be.
 
-It is exact for linear Gaussian models. Elsewhere it is an approximation that no number of draws mends: one mode alone, and
+It is exact for linear Gaussian models. Elsewhere it is an approximation that more draws do not improve: one mode alone, and
 symmetric tails; :mod:`poseppl.smoothers.trajectory` samples the same density. Sites must be continuous.
 """
 

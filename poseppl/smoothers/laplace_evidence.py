@@ -5,8 +5,8 @@ Around the mode m of p(x, z | theta), with P the curvature there (:mod:`poseppl.
     log p(z | theta) ~ log p(m, z | theta) + n / 2 log 2 pi - log det P / 2.
 
 From any trajectory m_0 the mode is reached by one step m_0 + P^-1 grad log p where the model is linear and Gaussian, whatever
-theta is; so this is exact there, and differentiable by theta without a search inside. Elsewhere the trajectory is climbed
-anew between rounds of an ascent, and the approximation is that of a single mode.
+theta is; so this is exact there, and differentiable by theta without a search inside. Elsewhere the mode is searched again
+between rounds of an ascent, and the approximation is that of a single mode.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def laplace_evidence(
         xs: Flat states (T, d) near the mode.
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
-        num_steps: Steps to the mode, each by the curvature where it begins; more hold farther from the mode.
+        num_steps: Steps to the mode, each by the curvature where it begins; more are valid farther from the mode.
         majorised: Whether the curvature of robust errors is that of the quadratic which touches their potential from above: too
             large, but smooth, where the right one is cut off at 0.
 

@@ -5,9 +5,9 @@ u' = u + lambda S^(1/2) N(0, 1) and accept with probability
 
     min(1, Z'(u') p(u') / (Z(u) p(u))),
 
-where Z is the evidence of all frames as a filter estimates it. Where exp(log Z) is unbiased, as for particle filters, the law
-of the chain is exactly the posterior of u, whatever the number of particles, provided that Z(u) of the current point is kept,
-not estimated anew. Few particles make chains stick: the standard deviation of log Z should be about 1.
+where Z is the evidence of all frames as a filter estimates it. If exp(log Z) is unbiased, as for particle filters, the chain
+targets exactly the posterior of u, whatever the number of particles, provided that Z(u) of the current point is kept and not
+estimated again. Few particles make chains stick: the standard deviation of log Z should be about 1.
 
 S is learned from all chains during the warm-up (:mod:`poseppl.kernels.adaptive_covariance`), and lambda adapted to the rate of
 acceptance; both are frozen before the draws that count.
@@ -139,7 +139,7 @@ def pmmh(
 def starting_points(
     model: CompiledModel, bijector: ParameterBijector, rng_key: Array, num_chains: int, start: Mapping[str, Any] | None
 ) -> tuple[Array, AdaptiveCovariance]:
-    """Where chains start (M, p), and the prior's moments to begin learning from."""
+    """The starts of the chains (M, p), and the prior's moments as first estimates."""
     keys = jax.random.split(rng_key, max(_PRIOR_DRAWS, num_chains))
     drawn = jax.vmap(lambda key: bijector.to_flat(model.sample_parameters(key)))(keys)
     known = initial_covariance(drawn)

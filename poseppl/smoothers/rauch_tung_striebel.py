@@ -4,12 +4,12 @@ With the filtered N(m_t, P_t), the transition linearised there with Jacobian A a
 
     G = P_t A^T P'^-1,    m^s_t = m_t + G (m^s_(t+1) - m'),    P^s_t = P_t + G (P^s_(t+1) - P') G^T.
 
-Exact for linear Gaussian programs. The forward pass is made anew from the data, as a history of particles does not hold the
-Gaussians; draws are whole trajectories, drawn backwards, x_t ~ N(m_t + G (x_(t+1) - m'), P_t - G P' G^T).
+Exact for linear Gaussian programs. The forward pass is repeated from the data, because a history of particles does not contain
+the Gaussians; draws are whole trajectories, drawn backwards, x_t ~ N(m_t + G (x_(t+1) - m'), P_t - G P' G^T).
 
 With more than one iteration transitions and observations are linearised again, around the smoothed Gaussians of the last pass,
-and both passes begin anew at the initial program: the iterated posterior linearisation smoother (Garcia-Fernandez, Svensson and
-Sarkka 2017, doi:10.1109/TAC.2016.2592681).
+and both passes begin again at the initial program: the iterated posterior linearisation smoother (Garcia-Fernandez, Svensson
+and Sarkka 2017, doi:10.1109/TAC.2016.2592681).
 
 Both passes can be parallel in time (:mod:`poseppl.gaussians.parallel`): the same result for linear programs, in fewer steps on
 a GPU. The first pass of others is then linearised at the initial mean, so that they need iterations.
@@ -82,7 +82,7 @@ def gaussian_smoother(
     Args:
         forward: `(history, observations, inputs) -> forward pass`.
         num_draws: Trajectories to draw.
-        evaluations: Of the transition and of a frame's gradient, for each frame.
+        evaluations: Evaluations of the transition and of a frame's gradient, for each frame.
         reads_particles: Whether the forward pass reads the history.
         backward: The backward pass; :func:`backward_moments` if None.
     """

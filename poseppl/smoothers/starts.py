@@ -5,8 +5,8 @@ then at each frame before it one by
 
     w_t^i p(x_(t+1) | x_t^i),
 
-which joins what belongs together, whatever filter left the particles, and keeps the modes that the filter had. Of a frame with
-many particles a few hundred are drawn first, by their weights: a start need not be exact.
+which joins what belongs together, whatever filter left the particles, and keeps the modes that the filter had. From a frame
+with many particles, a few hundred are drawn first, by their weights: a start need not be exact.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def initial_trajectories(model: CompiledModel, rng_key: Array, history: History,
     Args:
         model: The compiled model.
         rng_key: PRNG key.
-        history: What the filter left.
+        history: The filter's history.
         inputs: Inputs with a leading T, or None.
         num: How many.
     """

@@ -1,11 +1,11 @@
 r"""Transition densities between two sets of particles, a tile of rows at a time.
 
-The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never held whole: rows j, the later particles, go through in tiles,
-so that memory grows with N and not with N^2. What is wanted of a tile is the same when each of its rows is multiplied by a
+The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never kept whole: rows j, the later particles, go through in tiles,
+so that memory grows with N and not with N^2. The result of a tile is the same when each of its rows is multiplied by a
 number of its own, and that number keeps the row within the range of floating point.
 
 Most often exp(log p) is in range as it stands, and a subtraction before the exponential would cost a third of the time. So a
-tile is tried as it stands; its row totals tell whether a row overflowed, or sank so low that its entries lost digits, and
+tile is tried as it stands; its row totals show whether a row overflowed, or sank so low that its entries lost digits, and
 only then is the tile made a second time with each row's largest entry brought to 1.
 """
 

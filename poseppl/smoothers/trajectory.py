@@ -19,7 +19,7 @@ For a linear Gaussian model the posterior is exactly the standard normal in z. S
 :mod:`poseppl.kernels.adapted_chain`.
 
 Chains do not cross between modes that are far apart: each mode's share of the draws is then its share of the chains' starts,
-that is the filter's, not the posterior's. R-hat over the chains tells. Sites must be continuous.
+that is the filter's, not the posterior's. R-hat over the chains shows this. Sites must be continuous.
 """
 
 from __future__ import annotations

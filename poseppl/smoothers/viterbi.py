@@ -36,7 +36,7 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
 
     Args:
         model: The compiled model.
-        tile: Rows of the N x N matrix that are held at a time; None holds about a million entries.
+        tile: Rows of the N x N matrix that are in memory at a time; None keeps about a million entries.
 
     Returns:
         The smoother; its result is one trajectory, (T, 1, d).

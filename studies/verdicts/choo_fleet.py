@@ -1,4 +1,4 @@
-"""What docs/measurements.md tells of Choo and Fleet 2001, from the tables of that page."""
+"""What docs/validation/published.md tells of Choo and Fleet 2001, from the tables of that page."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def _dense(parts: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     ratio = dense["frames_per_second"] / theirs["frames_per_second"]
     cover = [f"{100 * row['markers_in_90']:.0f} %" for row in (dense, theirs)]
     return (
-        f"On the walk a dense mass matrix and shorter trajectories make the paper's filter {ratio:.1f} times faster; its 90 % "
-        f"intervals hold {cover[0]} instead of {cover[1]}."
+        f"On the walk a dense mass matrix and shorter trajectories make the paper's filter {ratio:.1f} times faster; the "
+        f"coverage of its 90 % intervals is {cover[0]} instead of {cover[1]}."
     )
 
 

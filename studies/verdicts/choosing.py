@@ -1,4 +1,4 @@
-"""Which filter for which model by trials, for docs/choosing.md."""
+"""Which filter for which model by trials, for docs/validation/filters.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What algorithms cost to compile on the body, and whether that stays within the goal, for docs/measurements.md."""
+"""What algorithms cost to compile on the body, and whether that stays within the goal, for docs/validation/speed.md."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def compile_times(tables: Tables) -> str:
     told = "; ".join(f"{many} of {count} {kind}s take more" for kind, (many, count) in longer.items())
     verdict = "holds" if not any(many for many, _ in longer.values()) else "does not hold"
     return (
-        f"{markdown(_COLUMNS, cells)}\n\nA process that has only loaded the libraries holds {nothing['memory']:,.0f} MiB. "
+        f"{markdown(_COLUMNS, cells)}\n\nA process that has only loaded the libraries uses {nothing['memory']:,.0f} MiB. "
         f"At most {MOST:.0f} processor seconds of compilation each: {verdict}, {told}."
     )
 

@@ -1,4 +1,4 @@
-"""The default filter for markers, by errors, coverage and speed on recordings, for docs/choosing.md."""
+"""The default filter for markers, by errors, coverage and speed on recordings, for docs/validation/motion.md."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ def default_filter(tables: Tables) -> str:
     """One row for each number of cameras and filter; recordings are the units of means and 95 % intervals."""
     rows = tables["default_filter"].records()
     cases = dict.fromkeys((row["cameras"], row["filter"]) for row in rows)
-    return markdown(_COLUMNS, [_cells(rows, *case) for case in sorted(cases, key=lambda case: (case[0], case[1] != FIRST))])
+    return markdown(_COLUMNS, [cells_of(rows, *case) for case in sorted(cases, key=lambda case: (case[0], case[1] != FIRST))])
 
 
-def _cells(rows: list[dict[str, Any]], cameras: int, filter: str) -> list[str]:
+def cells_of(rows: list[dict[str, Any]], cameras: int, filter: str) -> list[str]:
+    """A row of the table."""
     mine = [row for row in rows if (row["cameras"], row["filter"]) == (cameras, filter)]
     error, base = (_by_recording(rows, cameras, name, "error") for name in (filter, FIRST))
     coverage = _by_recording(rows, cameras, filter, "coverage")

@@ -1,4 +1,4 @@
-"""Filters of a chaotic state in 40 dimensions, and whether verdicts tell those that fail, for docs/measurements.md."""
+"""Filters of a chaotic state in 40 dimensions, and whether verdicts tell those that fail, for docs/validation/filters.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def ensembles(tables: Tables) -> str:
     ]
     groups = grouped(rows, str)
     models, names = (list(dict.fromkeys(key[part] for key in groups)) for part in (0, 1))
-    columns = ["filter", *(f"{model}: {what}" for model in models for what in ("error; 90 % hold", "red"))]
+    columns = ["filter", *(f"{model}: {what}" for model in models for what in ("error; coverage", "red"))]
     shown = [[name, *(cell for model in models for cell in _cells(groups[model, name]))] for name in names]
     return f"{markdown(columns, shown)}\n\n{goal(rows, groups, 'below')}\n{goal(rows, groups, 'above')}"
 

@@ -1,4 +1,4 @@
-"""Fast motion in one camera: what the default tracker loses, and to what, for docs/measurements.md."""
+"""Fast motion in one camera: what the default tracker loses, and to what, for docs/validation/motion.md."""
 
 from __future__ import annotations
 

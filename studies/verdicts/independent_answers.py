@@ -1,4 +1,4 @@
-"""Models of many fields against independent answers, for docs/checked.md."""
+"""Models of many fields against independent answers, for docs/validation/models.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far joints from two cameras' keypoints are from those of four, for docs/keypoints.md."""
+"""How far joints from two cameras' keypoints are from those of four, for docs/validation/keypoints.md."""
 
 from __future__ import annotations
 

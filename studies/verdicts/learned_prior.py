@@ -1,4 +1,4 @@
-"""A learned walk as the prior of people it was not learned from, and of other motion, for docs/measurements.md."""
+"""A learned walk as the prior of people it was not learned from, and of other motion, for docs/validation/motion.md."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def silhouettes(tables: Tables) -> str:
     told = {row["recording"]: row["overlap"] != "none" for row in table.records() if row["case"] == "mixture"}
     count = {other: [warned for name, warned in told.items() if (name in OTHER) == other] for other in (True, False)}
     return (
-        f"{_section(table, Goals(57.0))}\n- The verdict on the overlap with the silhouettes, a warning or an error, tells of "
-        f"{sum(count[True])} of {len(count[True])} recordings that are no walks, and of {sum(count[False])} of "
+        f"{_section(table, Goals(57.0))}\n- The verdict on the overlap with the silhouettes, a warning or an error, reports "
+        f"{sum(count[True])} of {len(count[True])} recordings that are no walks, and {sum(count[False])} of "
         f"{len(count[False])} walks."
     )
 

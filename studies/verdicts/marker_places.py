@@ -1,4 +1,4 @@
-"""Fixed and learned places of markers on the body, with fixed and learned walks, for docs/measurements.md."""
+"""Fixed and learned places of markers on the body, with fixed and learned walks, for docs/validation/motion.md."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def marker_places(tables: Tables) -> str:
     for row in tables["marker_places"].records():
         key = (row["recording"], row["rate"], row["cameras"], row["frames"])
         groups.setdefault(key, {}).setdefault((row["walk"], row["markers"]), {})[row["seed"]] = row
-    columns = ["recording", "Hz", "cameras", "frames", "runs", *(f"{walk} walk, {places} places" for walk, places in CASES)]
+    columns = ["recording", "Hz", "cameras", "frames", "runs", *(f"{walk} walk, {places} positions" for walk, places in CASES)]
     columns += ["s a run, all learned", "s of learning"]
     shown = [[key[0], f"{key[1]:g}", *map(str, key[2:]), *_cells(runs)] for key, runs in groups.items()]
     told = [_told(walk, count, groups) for count, walk in product(sorted({key[2] for key in groups}), ("fixed", "learned"))]
@@ -55,7 +55,7 @@ def _told(walk: str, count: int, groups: Mapping[tuple[str, float, int, int], Ru
     ]
     share, wins, loses = 100 * (1 - means[1] / means[0]), len(sure[0]), listed(sure[1])
     return (
-        f"- {count} cameras, {walk} walk: learned places take {share:.0f} % of the mean error away; by 95 % intervals they win "
+        f"- {count} cameras, {walk} walk: learned positions reduce the mean error by {share:.0f} %; by 95 % intervals they win "
         f"on {wins} of {len(less)} recordings and lose on {loses}. The coverage of 90 % intervals is 85 to 95 % on {hold[1]} "
         f"with them, on {hold[0]} without."
     )

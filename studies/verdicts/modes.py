@@ -1,4 +1,4 @@
-"""Modes that a search finds by where it starts, and what is claimed of scaled covariances, for docs/measurements.md."""
+"""Modes that a search finds by where it starts, and what is claimed of scaled covariances, for docs/validation/filters.md."""
 
 from __future__ import annotations
 

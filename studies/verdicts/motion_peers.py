@@ -1,4 +1,4 @@
-"""How far joints are from those of four cameras by libraries of their own, for docs/compared.md."""
+"""How far joints are from those of four cameras by libraries of their own, for docs/validation/libraries.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MEASURES = {
 _ERRORS = ("median", "percentile_95", "own_median", "own_percentile_95", "published", "held_out", "held_out_95")
 _SHARES = ("coverage_50", "coverage_90", "joints_50", "joints_90")
 _ERROR_COLUMNS = ("median, mm", "95 %", "own: median", "95 %", "published: median", "left out: median, px", "95 %", "no answer")
-_SHARE_COLUMNS = ("left out: 50 % hold", "90 % hold", "joints: 50 % hold", "90 % hold", "first run, s", "later run, s")
+_SHARE_COLUMNS = ("left out: coverage of 50 %", "90 %", "joints: coverage of 50 %", "90 %", "first run, s", "later run, s")
 
 
 def motion_peers(tables: Tables) -> str:
@@ -44,7 +44,7 @@ def motion_peers(tables: Tables) -> str:
             markdown(("cameras", "library", "method", *_ERROR_COLUMNS), errors),
             markdown(("cameras", "library", "method", *_SHARE_COLUMNS), rest),
             "\n".join(sentence for sentence, _ in compared),
-            f"Of these {len(sets) * len(MEASURES)} errors poseppl's is the smallest of all libraries' in {least}.",
+            f"poseppl has the lowest error in {least} of these {len(sets) * len(MEASURES)} comparisons.",
         )
     )
 

@@ -1,4 +1,4 @@
-"""How far off joints are that one camera sees, and whether intervals hold, for docs/keypoints.md."""
+"""How far off joints are that one camera sees, and whether intervals hold, for docs/validation/keypoints.md."""
 
 from __future__ import annotations
 

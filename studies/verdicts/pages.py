@@ -38,6 +38,7 @@ from studies.verdicts import (
     simulated_motion,
     sminchisescu_triggs,
     smoothing,
+    summary,
     toolkit_speed,
     walks,
 )
@@ -73,10 +74,14 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
-    "checked.md": {"independent-answers": independent_answers.independent_answers},
-    "choosing.md": {"default-filter": default_filter.default_filter, "choosing": choosing.choosing},
-    "compared.md": {"motion-peers": motion_peers.motion_peers},
-    "keypoints.md": {
+    "validation/filters.md": {
+        "choosing": choosing.choosing,
+        "frame-samplers": sampling.frame_samplers,
+        "ensembles": ensembles.ensembles,
+        "modes-found": modes.modes_found,
+    },
+    "validation/index.md": {"summary": summary.summary},
+    "validation/keypoints.md": {
         "keypoints": keypoints.keypoints,
         "keypoint-speed": keypoints.speed,
         "one-camera": one_camera.one_camera,
@@ -84,33 +89,40 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "simulated-clocks": simulated_keypoints.clocks,
         "smoother-ranks": simulated_keypoints.ranks,
     },
-    "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
-    "measurements.md": {
+    "validation/libraries.md": {"motion-peers": motion_peers.motion_peers},
+    "validation/models.md": {"independent-answers": independent_answers.independent_answers},
+    "validation/motion.md": {
+        "default-filter": default_filter.default_filter,
         "random-walks": walks.random_walks,
         "marker-places": marker_places.marker_places,
         "fast-motion": fast_motion.fast_motion,
         "fast-motion-modes": fast_motion.fast_motion_modes,
         "learned-prior": learned_prior.points,
         "learned-prior-silhouettes": learned_prior.silhouettes,
-        "smoothing-pays": smoothing.smoothing_pays,
-        "filters": sampling.filters,
-        "frame-samplers": sampling.frame_samplers,
-        "ensembles": ensembles.ensembles,
         "simulated-motion": simulated_motion.simulated_motion,
         "simulated-coordinates": simulated_motion.coordinates,
         "simulated-checks": predictions.lost,
-        "modes-found": modes.modes_found,
-        "trajectory": sampling.trajectory,
-        "particle-mgrad": sampling.particle_mgrad,
+    },
+    "validation/points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
+    "validation/published.md": {
         "speed-ups": of("choo-fleet-2001", choo_fleet.speed_ups),
         "contest": of("choo-fleet-2001", choo_fleet.contest),
         "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
+        **{name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
+    },
+    "validation/silhouettes.md": {"bodytrack": claims("bodytrack")},
+    "validation/smoothing.md": {
+        "smoothing-pays": smoothing.smoothing_pays,
+        "trajectory": sampling.trajectory,
+        "particle-mgrad": sampling.particle_mgrad,
+    },
+    "validation/speed.md": {
         "toolkit-speed": toolkit_speed.beside_rivals,
         "compile-times": compile_times.compile_times,
         "first-results": toolkit_speed.first_results,
+        "filters": sampling.filters,
     },
-    "points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
-    "verdicts.md": {"predictive-checks": predictions.checks},
+    "validation/verdicts.md": {"predictive-checks": predictions.checks},
 }
 
 

@@ -1,4 +1,4 @@
-"""Speed of filters and of samplers of whole trajectories, and what it says of goals, for docs/measurements.md."""
+"""Speed of filters and of samplers of whole trajectories, and what it says of goals, for docs/validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded walks as a detector's keypoints, and ranks of the smoother's truth, for docs/keypoints.md."""
+"""Recorded walks as a detector's keypoints, and ranks of the smoother's truth, for docs/validation/keypoints.md."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def recorded(tables: Tables) -> str:
     told, untold = _told(records)
     cases = list(dict.fromkeys((row["case"], row["cameras"]) for row in limbs))
     columns = ("errors of the points", "cameras", "recordings", "joints, mm", "95 %", "aligned, mm", "in 50 %", "in 90 %")
-    columns = (*columns, "angles, degrees", "95 %", "in 50 %", "in 90 %", "exchanged limbs", "found", "falsely")
+    columns = (*columns, "angles, degrees", "95 %", "in 50 %", "in 90 %", "swapped limbs", "found", "false alarms")
     cells, said = [], []
     for case, cameras in cases:
         own = [row for row in records if (row["case"], row["cameras"]) == (case, cameras)]
@@ -51,7 +51,7 @@ def recorded(tables: Tables) -> str:
         if row["case"] == SHOWN and row["what"] in told and row["median"] > WRONG
     ]
     said.append(f"- More than {WRONG:g} degrees off in the median, {SHOWN}: {', '.join(wrong) or 'none'}.")
-    last = f"Not known to within {TOLD:g} degrees, and left out of the angles above: {', '.join(untold)}."
+    last = f"Ideal SD above {TOLD:g} degrees, and left out of the angles above: {', '.join(untold)}."
     return "\n\n".join([markdown(columns, cells), "\n".join(said), _angle_table(records), last])
 
 

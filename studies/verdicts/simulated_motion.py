@@ -1,4 +1,4 @@
-"""Motion that the model itself simulates: what the default tracker makes of it, and goals, for docs/measurements.md."""
+"""Motion that the model itself simulates: what the default tracker makes of it, and goals, for docs/validation/motion.md."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def _angles(method: str, part: str, rows: Mapping[int, Mapping[str, Any]]) -> li
 
 
 def _beside(rows: Mapping[tuple[str, str], Mapping[int, Mapping[str, Any]]], method: str) -> str:
-    """What a method has more in its intervals than the default, and the default's deviations over its own, by sequence."""
+    """The gain of coverage over the default, and the ratio of the default's deviations to its own, by sequence."""
     told = []
     for part in [part for each, part in rows if each == method]:
         both = rows[_DEFAULT, part], rows[method, part]
         gain = _paired(*both, lambda own, other: 100 * (other["inside"] - own["inside"]))
         ratio = _paired(*both, lambda own, other: own["deviation"] / other["deviation"])
-        told.append(f"{part} {gain.told('.1f')} points, {ratio.told('.2f')} times")
-    return f"- {method} holds more than the default, whose deviations are so many times its own: {'; '.join(told)}."
+        told.append(f"{part} {gain.told('.1f')} points, ratio {ratio.told('.2f')}")
+    return f"- {method}: gain of coverage over the default, and the default's deviations over its own: {'; '.join(told)}."
 
 
 def _paired(own: Mapping[int, Any], other: Mapping[int, Any], compare: Callable[[Any, Any], float]) -> Interval:
@@ -87,8 +87,8 @@ def _goals(rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
     lost = int((_values(rows, "error") > _LOST).sum())
     rate, inside = _per_second(rows), {each: mean_interval(100 * _values(rows, each)) for each in _INSIDE}
     covers = [
-        f"- Goal: {each.removeprefix('in_')} % intervals hold {low:.0f} to {high:.0f} %: {inside[each].within(low, high)} "
-        f"({inside[each].told('.1f')})."
+        f"- Goal: coverage of {each.removeprefix('in_')} % intervals of {low:.0f} to {high:.0f} %: "
+        f"{inside[each].within(low, high)} ({inside[each].told('.1f')})."
         for each, (low, high) in _INSIDE.items()
     ]
     return [

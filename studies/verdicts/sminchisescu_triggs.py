@@ -1,4 +1,4 @@
-"""What docs/measurements.md tells of Sminchisescu and Triggs 2001, from the tables of that page."""
+"""What docs/validation/published.md tells of Sminchisescu and Triggs 2001, from the tables of that page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether smoothing pays, with smoothers that are not bound to the filter's particles, for docs/measurements.md."""
+"""Whether smoothing pays, with smoothers that are not bound to the filter's particles, for docs/validation/smoothing.md."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def smoothing_pays(tables: Tables) -> str:
             rows.append([kind, cameras, method, f"{_mean(own, 'error'):.0f}", gain, *shares, f"{_seconds(own):.2g}"])
         said = "; ".join(f"{verdict}: {', '.join(methods)}" for verdict, methods in found.items() if methods)
         told.append(f"- {kind.capitalize()}, {_plural(int(cameras))}, {number} runs: smoothing pays: {said}.")
-    columns = ("seen", "cameras", "", "error", "% less", "in 50 %", "in 90 %", "s a frame")
+    columns = ("seen", "cameras", "", "error", "% less", "coverage of 50 %", "90 %", "s a frame")
     return f"{markdown(columns, rows)}\n\n" + "\n".join(told)
 
 

@@ -1,4 +1,4 @@
-"""How fast the toolkit is, and its goals, for docs/measurements.md."""
+"""How fast the toolkit is, and its goals, for docs/validation/speed.md."""
 
 from __future__ import annotations
 

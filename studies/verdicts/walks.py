@@ -1,4 +1,4 @@
-"""The default tracker with three random walks on recordings of many rates, for docs/measurements.md."""
+"""The default tracker with three random walks on recordings of many rates, for docs/validation/motion.md."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Runs = dict[str, dict[int, Mapping[str, Any]]]
 STUDENT = {1: 12.71, 2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 6: 2.447, 7: 2.365, 8: 2.306, 9: 2.262}
 """The 97.5 % points of Student's t by degrees of freedom."""
 LEAST = 0.8
-_WALKS = {"frame": "15 mm a frame", "second": "a root of a second", "learned": "learned"}
+_WALKS = {"frame": "15 mm a frame", "second": "square root of time", "learned": "learned"}
 _COUNTS = {1: "One camera", 2: "Two cameras"}
 
 
@@ -37,7 +37,7 @@ def random_walks(tables: Tables) -> str:
     for row in tables["random_walk"].records():
         key = (row["recording"], row["rate"], row["cameras"], row["frames"])
         groups.setdefault(key, {}).setdefault(row["walk"], {})[row["seed"]] = row
-    columns = ("recording", "Hz", "cameras", "frames", "runs", *_WALKS.values(), "learned less a root of a second, mm")
+    columns = ("recording", "Hz", "cameras", "frames", "runs", *_WALKS.values(), "learned less square root, mm")
     shown = [[key[0], f"{key[1]:g}", *map(str, key[2:]), *_cells(runs)] for key, runs in groups.items()]
     told = [_told(count, {key[0]: runs for key, runs in groups.items() if key[2] == count}) for count in _COUNTS]
     return "\n\n".join([markdown((*columns, "s of learning"), shown), "\n".join([*filter(None, told), _goal(groups)])])
@@ -92,7 +92,7 @@ def _told(count: int, recordings: Mapping[str, Runs]) -> str:
     }
     return (
         f"- {_COUNTS[count]}: learned scales have the smaller mean error on {smaller} of {len(compared)} recordings; by 95 % "
-        f"intervals they win on {len(sure[0])} and lose on {listed(sure[1])}. Intervals hold less than {100 * LEAST:.0f} % on "
+        f"intervals they win on {len(sure[0])} and lose on {listed(sure[1])}. The coverage is below {100 * LEAST:.0f} % on "
         f"{listed(narrow['learned'])} with learned scales, on {listed(narrow['second'])} without."
     )
 

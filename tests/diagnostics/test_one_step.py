@@ -96,5 +96,5 @@ def test_what_has_no_densities_is_refused():
     impossible = poseppl.infer(model, {"y": [0.1, 1e30]}, poseppl.kalman_filter, KEY)
     with pytest.raises(InputError, match="the data of 1 frames are impossible"):
         one_step_elpd(impossible)
-    with pytest.raises(InputError, match="observed_data: the result holds no data"):
+    with pytest.raises(InputError, match="observed_data: the result has no data"):
         one_step_elpd(impossible.drop_nodes("observed_data"))

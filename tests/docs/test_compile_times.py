@@ -27,5 +27,5 @@ def test_those_that_compile_longer_are_counted(seconds: float, told: str) -> Non
         ("smoother", "viterbi", "", 5.0, 0.5, 500.0),
     ]
     found = compile_times({"compile_times": Table("compile_times", COLUMNS, rows)}).splitlines()
-    assert found[-1].endswith(told) and "holds 350 MiB" in found[-1]
+    assert found[-1].endswith(told) and "uses 350 MiB" in found[-1]
     assert found[3] == "| filter guided, prior | 3.0 | 1.0 | 2,000 |"

@@ -75,4 +75,4 @@ def test_coverage_and_errors_are_told_by_recording():
     rows = [("02_01", 120, 2, walk, 100, 0, error, 0.7) for walk, error in (("frame", 57), ("second", 39), ("learned", 29))]
     found = walks.random_walks({"random_walk": Table("", columns, rows)}).splitlines()
     assert found[2] == "| 02_01 | 120 | 2 | 100 | 1 | 57, 70 % | 39, 70 % | 29, 70 % | -10 |  |"
-    assert found[4].endswith("hold less than 80 % on 1 (02_01) with learned scales, on 1 (02_01) without.")
+    assert found[4].endswith("coverage is below 80 % on 1 (02_01) with learned scales, on 1 (02_01) without.")

@@ -43,4 +43,4 @@ def test_the_overlap_of_silhouettes_tells_of_other_motion() -> None:
     table = Table("", (*COLUMNS, "overlap"), rows)
     found = learned_prior.silhouettes({"learned_prior_silhouettes": table}).splitlines()
     assert found[4] == "| 02_03, run | 60, 90 % | 60, 90 % | 0.10 | error |" and "below 57: holds" in found[-3]
-    assert found[-1].endswith("tells of 1 of 1 recordings that are no walks, and of 1 of 2 walks.")
+    assert found[-1].endswith("reports 1 of 1 recordings that are no walks, and 1 of 2 walks.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from prose import findings
+from prose import findings, markdown_of
 
 PAGE = (
     """# The user is told in a heading
@@ -20,6 +20,7 @@ told = 1
 * """
     + " ".join(["word"] * 31)
     + """.
+* Where it starts, it is wrong. What is right? A question.
 * Short. """
     + " ".join(["word"] * 29)
     + """
@@ -27,7 +28,15 @@ told = 1
 )
 
 
-def test_words_and_long_sentences_are_found_in_prose_alone() -> None:
+def test_words_fronted_and_long_sentences_are_found_in_prose_alone() -> None:
     found = list(findings(PAGE))
-    assert [number for number, _ in found] == [3, 5, 5, 13]
-    assert "'mended': write correct, fix" in found[0][1] and "a sentence of 31 words" in found[3][1]
+    assert [number for number, _ in found] == [3, 5, 5, 13, 14]
+    problems = [problem for _, problem in found]
+    assert "'mended': write correct, fix" in problems[0] and "a sentence of 31 words" in problems[3]
+    assert problems[4].startswith("subject first: * Where it starts")
+
+
+def test_text_cells_of_notebooks_keep_their_lines() -> None:
+    script = "# %% [markdown]\n# Errors are mended.\n\n# %%\ntold = 1  # told\n"
+    assert markdown_of(script).split("\n") == ["", "Errors are mended.", "", "", ""]
+    assert [number for number, _ in findings(markdown_of(script))] == [2]

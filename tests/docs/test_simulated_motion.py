@@ -65,5 +65,8 @@ def test_angles_are_compared_sequence_by_sequence():
     lines = coordinates({"simulated_coordinates": Table("simulated_coordinates", columns, rows)}).splitlines()
     assert lines[2] == "| default | trunk | 12 | 50.0 (50.0 to 50.0) % | 0.74 | 0.30 |"
     gain, ratio = lines[-2:]
-    assert gain.startswith("- default, then NUTS holds more than the default") and "trunk 25.0 (25.0 to 25.0) points" in gain
-    assert ratio.startswith("- NUTS from the truth") and "trunk 40.0 (40.0 to 40.0) points, 0.50 (0.50 to 0.50) times" in ratio
+    assert (
+        gain.startswith("- default, then NUTS: gain of coverage over the default")
+        and "trunk 25.0 (25.0 to 25.0) points" in gain
+    )
+    assert ratio.startswith("- NUTS from the truth") and "trunk 40.0 (40.0 to 40.0) points, ratio 0.50 (0.50 to 0.50)" in ratio

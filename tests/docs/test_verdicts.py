@@ -17,7 +17,7 @@ from studies.verdicts import sampling
 from studies.verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted(path.name for path in DOCS.glob("*.md"))
+PAGES = sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md") if path.name != PAGE)
 VERDICT = re.compile(r"\b(holds|does not hold|not reached|was reached|undecided)\b(?! \d| nearer|, unless)", re.IGNORECASE)
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from website.algorithms import algorithms, glance
+from website.algorithms import algorithms, fields_of, glance
 from website.check import faults
+from website.commands import commands, page as commands_page
 from website.contents import index
 from website.docstrings import marked_up
 from website.markup import plain
 from website.modules import PACKAGES, all_modules, exports
 from website.tree import relinked
+
+from poseppl.cli import cli
 
 GOOD = "<html><head><title>A page</title></head><body><h1 id='a'>A</h1>{}</body></html>"
 
@@ -60,10 +63,16 @@ def test_no_page_is_a_fault(tmp_path: Path) -> None:
 
 def test_every_page_is_in_the_contents_once() -> None:
     names = ["docs/choosing.md", "docs/new.md", "docs/conventions.md", "docs/paper/page.md", "docs/paper/other.md"]
-    lines = index([*names, "algorithms.rst", "CHANGELOG.md"]).splitlines()
-    for name in ("docs/choosing", "docs/new", "docs/conventions", "docs/paper/page", "algorithms", "CHANGELOG"):
+    lines = index([*names, "docs/tutorials/sampler.md", "CHANGELOG.md"]).splitlines()
+    for name in ("docs/choosing", "docs/new", "docs/conventions", "docs/paper/page", "docs/tutorials/sampler", "CHANGELOG"):
         assert lines.count(name) == 1
     assert "docs/quickstart" not in lines  # which is not there
+
+
+def test_every_command_has_a_section_with_its_options() -> None:
+    text = commands_page()
+    assert all(f"\n## {name}\n" in text for name, _ in commands(cli, "poseppl"))
+    assert "## poseppl run\n" in text and "--filter" in text
 
 
 def test_links_of_the_repository_hold_on_the_site() -> None:
@@ -100,8 +109,10 @@ def test_every_export_has_a_page_and_every_algorithm_its_settings() -> None:
     for package in PACKAGES:
         assert all(each.module in pages for each in exports(package))
     for each in algorithms():
-        told = "\n".join(glance(each.builder.__module__))
-        assert f"{each.name}`." in told and all(f"`{name}`" in told for name in each.settings)
-    assert ":when it fails:" in "\n".join(glance("poseppl.filters.published.hmc")) and ":laws:" in "\n".join(
-        glance("poseppl.filters.published.hmc")
-    )
+        text = "\n".join(glance(each.builder.__module__))
+        assert f"{each.name}`." in text and all(f":{name}:" in text for name in each.settings)
+
+
+def test_every_algorithm_has_a_section_with_the_same_fields() -> None:
+    for each in algorithms():
+        assert list(fields_of(each.builder.__module__)) == ["Computes", "Cost", "Needs", "Fails"], each.name

@@ -82,5 +82,5 @@ def test_parts_of_npz_files_are_as_large_as_they_declare(tmp_path: Path) -> None
         with pytest.raises(ValueError, match="declares"):
             read_parts(archive, 250)  # each alone has less
     np.savez(path, a=np.array([{}], object))
-    with zipfile.ZipFile(path) as archive, pytest.raises(ValueError, match="does not hold the array that it declares"):
+    with zipfile.ZipFile(path) as archive, pytest.raises(ValueError, match="does not contain the array that it declares"):
         read_parts(archive, 10_000)

@@ -36,7 +36,7 @@ from poseppl_models.bodies.cone_body import ConeBody
 MARGIN = 0.05
 """Radians by which fitted poses keep clear of the limits, so that poses around them are possible."""
 _PULLS = (20.0, 5.0)
-"""Weights (mm a radian) that hold angles to the frame before and to rest."""
+"""Weights (mm a radian) that pull angles towards the frame before and towards rest."""
 _HEADINGS = 8
 _SEGMENTS = {
     "trunk": ("pelvis", "neck"),

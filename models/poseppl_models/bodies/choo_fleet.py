@@ -123,7 +123,7 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:
-    """Standing at ease: knees and elbows slightly bent, which is what tells front from back."""
+    """Standing at ease: knees and elbows slightly bent, which distinguishes front from back."""
     rest = np.zeros(tree.dimension)
     rest[2] = (size["shank"] + size["thigh"]) * np.cos(REST_ANGLE) + size["hip_drop"]
     bends = {"hip": REST_ANGLE, "knee": -2 * REST_ANGLE, "elbow": 2 * REST_ANGLE}

@@ -24,7 +24,7 @@ from poseppl_models.bodies.sides import mirrored_angle, neighbours_in
 Pairs = tuple[tuple[int, int], ...]
 _CHAINS = (("torso", "upper_arm", "forearm", "hand"), ("torso", "thigh", "shank", "foot"), ("torso", "head"))
 REST = {("knee", "X"): -0.2, ("hip", "X"): 0.1, ("elbow", "X"): 0.2, ("shoulder", "Y"): 0.2}
-"""Angles (radians) of a person who stands at ease, of the left side; a little bent, which tells front from back."""
+"""Angles (radians) of the left side of a person at rest; a little bent, which distinguishes front from back."""
 
 
 class ConeBody(NamedTuple):
@@ -35,7 +35,7 @@ class ConeBody(NamedTuple):
         flesh: The cones.
         limits: Least and largest value of each coordinate (d, 2), radians; infinite where nothing limits it.
         apart: Pairs of parts that cannot meet: all but those that meet at a joint.
-        rest: State of a person who stands at ease at the origin (d,).
+        rest: State of a person at rest at the origin (d,).
     """
 
     tree: KinematicTree
@@ -49,7 +49,7 @@ def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequ
     """Put cones on the skeleton.
 
     Args:
-        lengths: Of :func:`poseppl_models.bodies.anthropometry.segment_lengths`, mm.
+        lengths: Segment lengths as by :func:`poseppl_models.bodies.anthropometry.segment_lengths`, mm.
         axes: Axes of each joint, sides left out; those that are missing do not turn.
         cones: The parts.
     """
@@ -95,7 +95,7 @@ def proportional_body(
     """Build the body of a person so tall (mm), its segments in proportion.
 
     Args:
-        stature: Of the person.
+        stature: The person's stature.
         known: Segment lengths (mm) that were measured.
         axes: Axes of each joint, as :func:`cone_body` takes them.
         limbs: Segments of the limbs that have a cone.

@@ -1,8 +1,9 @@
 """The built-in walk: one subject's gait in closed form, on the body of Choo and Fleet 2001.
 
-``walk.json`` holds the coefficients of :mod:`poseppl.motion.bodies.gait_fit` for every coordinate of the body and the subject's
-segment lengths; :func:`gait_table` made it from walk 02_01 of the CMU motion capture database (mocap.cs.cmu.edu), with four
-harmonics. Its markers follow the recorded ones to 25 mm on average, 10 mm relative to the pelvis, over two and a half cycles.
+``walk.json`` contains the coefficients of :mod:`poseppl.motion.bodies.gait_fit` for every coordinate of the body and the
+subject's segment lengths; :func:`gait_table` made it from walk 02_01 of the CMU motion capture database (mocap.cs.cmu.edu),
+with four harmonics. Its markers follow the recorded ones to 25 mm on average, 10 mm relative to the pelvis, over two and a half
+cycles.
 
 >>> states, lengths = walk(rate=60.0, num_frames=120)
 >>> states.shape
@@ -54,11 +55,11 @@ def walk(rate: float = 60.0, num_frames: int = 120) -> Walk:
 
 
 def gait_table(motion: Motion, num_harmonics: int = NUM_HARMONICS) -> dict[str, Any]:
-    """Fit body and gait to a recorded walk; what ``walk.json`` holds.
+    """Fit body and gait to a recorded walk; the content of ``walk.json``.
 
     Args:
         motion: A walk along a straight line, at least 1.1 cycles.
-        num_harmonics: Of the cycle.
+        num_harmonics: Harmonics of the cycle.
 
     Returns:
         The gait's table (:func:`poseppl.motion.bodies.gait_fit.to_table`) and ``lengths`` in mm.

@@ -104,7 +104,7 @@ def anthropometric_prior(names: Sequence[str]) -> tuple[Floats, Floats]:
     """Mean (n,) and covariance (n, n) of sizes, mm; the stature's standard deviation is part of the covariance.
 
     Args:
-        names: Of :func:`humanoid_sizes`.
+        names: Names of :func:`humanoid_sizes`.
 
     Raises:
         ValueError: A name that is none of them.

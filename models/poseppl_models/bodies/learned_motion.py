@@ -8,9 +8,9 @@ them as far and for as long as those of the recordings did: with psi and rho of 
 
     e_t ~ N(rho e_(t-1), (1 - rho^2) psi^2),    pose = (w, mean + Phi f + e).
 
-What somebody does need not be the activity at all. :meth:`Activity.with_other_motion` adds a phase that stands for anything
+The motion need not be the activity at all. :meth:`Activity.with_other_motion` adds a phase that stands for anything
 else: in it w walks at random, and so do the angles, which come back to their mean within a memory; on the way back to the
-activity f and e are drawn as at first. So the probability of that phase tells when the activity does not hold.
+activity f and e are drawn as at first. The probability of that phase therefore shows when the motion is another one.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ _STILL = 5.5e-3
 
 
 class OtherMotion(NamedTuple):
-    """What is not the activity.
+    """Motion other than the activity.
 
     Attributes:
         walk_scale: Standard deviations of a step of each of the body's coordinates (d,).
-        kept: What is left of the angles' distance from their mean (), from a frame to the next.
+        kept: Share of the angles' distance from their mean that remains in the next frame, ().
     """
 
     walk_scale: Array
@@ -55,7 +55,7 @@ class OtherMotion(NamedTuple):
 
 
 class Activity(NamedTuple):
-    """What programs take of a learned activity: arrays, so that all activities of one size share what is compiled.
+    """A learned activity as arguments of programs: arrays, so that all activities of one size share what is compiled.
 
     Attributes:
         initial: Probabilities of the first phase (N,).
@@ -211,7 +211,7 @@ def learned_motion(
     Args:
         coordinates: Joint and axis of each of the body's d coordinates.
         learned: Indices of those that the activity moves.
-        observe: What is observed of a pose (d,). Inputs have ``activity`` (:class:`Activity`), and for the free coordinates
+        observe: Program of the data of a pose (d,). Inputs have ``activity`` (:class:`Activity`), and for the free coordinates
             ``start``, ``start_scale`` and ``step_scale``, each (d,), as in
             :func:`poseppl_models.bodies.random_walk.random_walk`.
         residual: Whether angles stay from the components; without it they lie on them, as in the paper.
@@ -253,7 +253,7 @@ class SeenActivity(NamedTuple):
         program: The programs; inputs are those of a body, its ``activity`` among them.
         pose: From the sites of a state, and the activity, to the pose (d,).
         follows: From the same to whether it is of the activity, 1, or of other motion, 0.
-        activity: The activity, which starts as it is told.
+        activity: The activity, with its given start.
     """
 
     program: StateSpaceModel
@@ -299,7 +299,7 @@ def seen_activity(
 def _seen(
     coordinates: tuple[tuple[str, str], ...], learned: tuple[int, ...], observe: Observe
 ) -> tuple[StateSpaceModel, Pose, Pose]:
-    """The programs, and what is told of their states; the same again, so that what is compiled serves the next recording."""
+    """The programs, and functions of their states; the same objects again, so that nothing is compiled twice."""
 
     def follows(state: Mapping[str, Any], activity: Activity) -> Array:
         return 1.0 - activity.is_other(state["phase"])

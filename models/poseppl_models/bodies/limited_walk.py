@@ -31,7 +31,7 @@ def limited_walk(spans: Mapping[str, slice], limits: Any, stabilisers: Any, equi
             :func:`poseppl_models.bodies.random_walk.random_walk`.
         limits: Least and largest value of each coordinate (d, 2), infinite where nothing limits it; a site without a limit is a
             plain Normal.
-        stabilisers: S (d,), infinite where nothing holds a coordinate.
+        stabilisers: S (d,), infinite where a coordinate has no stabiliser.
         equilibrium: mu, a number or (d,).
     """
     low, high = np.asarray(limits, float).T

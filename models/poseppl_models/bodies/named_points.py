@@ -8,22 +8,22 @@ Position p (K, 3), velocity v and, for each camera and point, what is wrong with
     m_t = project(p_t) + scale (lasting e_t + bias d_t)
     y_t ~ (1 - pi_t) Student-t(m_t, other_t) + pi_t Uniform(picture)
 
-Motion and lasting errors are processes in continuous time, in seconds, whose transitions are exact: frames without data, or
-more frames a second, change nothing (:func:`motion_transition`).
+Motion and autocorrelated errors are processes in continuous time, in seconds, whose transitions are exact: frames without data,
+or more frames a second, change nothing (:func:`motion_transition`).
 
 A scale belongs to a point, not to a camera: a detector errs by so many mm at the point, which a camera of longer lens shows
 larger; ``log_size`` is that of all points, ``log_scale`` says by how much one point is worse than the others, ``camera`` by how
-much one camera is: that of a camera that was never looked at is foretold by its prior. With the logit of the detector's
+much one camera is: that of a camera without data is predicted by its prior. With the logit of the detector's
 confidence, l, and log scale the sum of the three,
 
     log other_t = log scale + slope (l_t - l_0),      logit pi_t = clutter + clutter_slope (l_t - l_0),   l_0 = 3;
 
-lasting errors are ``exp(log_lasting)`` times the scale, biases ``exp(log_bias)`` times the lasting errors.
+autocorrelated errors are ``exp(log_lasting)`` times the scale, biases ``exp(log_bias)`` times these.
 
 Links between points say that their distance stays near a length, which is unknown and constant. The data of the site ``links``
-are zeros, an observation of distance minus length, whose standard deviation is the tolerance.
-Units of length are those of a pixel at the points, whatever the file's are (:mod:`poseppl.motion.points.named_points`); the
-site ``motion`` (K, 3, 2) holds positions and velocities.
+are zeros, an observation of distance minus length, whose standard deviation is the tolerance. Units of length are those of a
+pixel at the points, whatever the file's are (:mod:`poseppl.motion.points.named_points`); the site ``motion`` (K, 3, 2) has
+positions and velocities.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _SHORT = 0.02
 
 
 def noise_scales(params: Mapping[str, Array], magnification: Array, logit: Array) -> tuple[Array, Array, Array]:
-    """Scales (C, K), px, of the errors that last, of the bias and of the other errors, these with leading axes of ``logit``."""
+    """Scales (C, K), px, of the autocorrelated errors, the bias and the other errors, these with leading axes of ``logit``."""
     size = jnp.exp(params["log_size"] + params["log_scale"] + params["camera"][:, None]) * magnification[:, None]
     other, lasting = size * jnp.exp(params["slope"] * (logit - CONFIDENCE)), size * jnp.exp(params["log_lasting"])
     return lasting, lasting * jnp.exp(params["log_bias"]), other

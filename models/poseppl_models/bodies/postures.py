@@ -1,7 +1,7 @@
-"""How people hold themselves: mean and standard deviation of the angles of a body, radians, in recordings of them.
+"""Usual postures of people: mean and standard deviation of the angles of a body, radians, in recordings of them.
 
 Those of walks, of punches and of bending over, each of which counts as much, and their mirror images; 0.05 is added to the
-deviations in quadrature, for skeletons differ. ``python -m studies.postures`` prints them anew. There is no run, jump or
+deviations in quadrature, for skeletons differ. ``python -m studies.postures`` prints them. There is no run, jump or
 dance among the recordings. The head's turn about itself is left out: its markers do not show it.
 """
 
@@ -26,7 +26,7 @@ LEFT: Mapping[tuple[str, str], tuple[float, float]] = {
     ("hip", "X"): (0.62, 0.71),
     ("knee", "X"): (-0.72, 0.47),
 }
-"""Of the trunk and the left side, by joint and axis."""
+"""Mean and standard deviation of angles of the trunk and the left side, by joint and axis."""
 
 
 def _both_sides() -> dict[tuple[str, str], tuple[float, float]]:
@@ -39,4 +39,4 @@ def _both_sides() -> dict[tuple[str, str], tuple[float, float]]:
 
 
 POSTURES: Mapping[tuple[str, str], tuple[float, float]] = _both_sides()
-"""Of all joints: on the right turns about Y and Z are the other way."""
+"""Those of all joints: on the right turns about Y and Z are the other way."""

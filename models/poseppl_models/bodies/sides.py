@@ -20,7 +20,7 @@ def edges_along(trunk: Sequence[str], limbs: Sequence[Sequence[str]]) -> tuple[t
 
 
 def neighbours_in(chains: Sequence[Sequence[str]]) -> Callable[[str, str], bool]:
-    """Tell whether two parts meet: each with the next of a chain, on one side or across the middle."""
+    """Whether two parts meet: each with the next of a chain, on one side or across the middle."""
     neighbours = {frozenset(pair) for chain in chains for pair in pairwise(chain)}
 
     def meet(first: str, second: str) -> bool:

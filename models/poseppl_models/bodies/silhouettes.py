@@ -1,8 +1,8 @@
-"""The 28-DOF body seen as silhouettes: the likelihood of ours that gradient methods can follow.
+"""The 28-DOF body seen as silhouettes: a likelihood for methods that use gradients.
 
 The state and its random walk are those of :mod:`poseppl_models.bodies.choo_fleet`; a frame's data are
 :class:`poseppl.motion.likelihoods.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood and no heuristic:
-its exponent is 1, and its noise was chosen by how often intervals hold the truth of rendered scenes.
+its exponent is 1, and its noise was chosen by the coverage of intervals in rendered scenes.
 """
 
 from __future__ import annotations

@@ -65,8 +65,8 @@ class SuperquadricBody(NamedTuple):
         tree: The kinematic tree.
         flesh: The parts.
         limits: Least and largest value of each coordinate (d, 2), radians; infinite where nothing limits it.
-        stabilisers: Standard deviation of each coordinate about 0 (d,), infinite where nothing holds it.
-        rest: State of a person who stands at ease at the origin (d,).
+        stabilisers: Standard deviation of each coordinate about 0 (d,), infinite where it has no stabiliser.
+        rest: State of a person at rest at the origin (d,).
         sizes: Lengths and half-widths, mm.
         kind: Which body.
     """
@@ -125,7 +125,7 @@ def _pattern(kind: Kind) -> KinematicTree:
 
 @lru_cache(maxsize=8)
 def _basis(kind: Kind) -> tuple[Floats, ...]:
-    """What a mm of each size adds (sizes, ...) to the tree's offsets, the markers', the parts' centres and half-axes."""
+    """The effect of a mm of each size (sizes, ...) on the tree's offsets, the markers', the parts' centres and half-axes."""
     names = tuple(humanoid_sizes())
     rows = []
     for name in names:
@@ -190,7 +190,7 @@ def _limb_joints(size: Mapping[str, float], axes: Mapping[str, str], side: str, 
 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> Floats:
-    """Standing at ease, a little bent, which is what tells front from back."""
+    """At rest, a little bent, which distinguishes front from back."""
     rest = np.array([mirrored_angle(_REST, joint, axis) for joint, axis in tree.coordinates])
     legs = (size["thigh"] + size["shank"]) * np.cos(0.1) + size["ankle_height"] + size["hip_drop"]
     rest[2] = legs if "pelvis" in tree.joint_names else legs + size["waist"] + size["thorax"]

@@ -50,9 +50,9 @@ def contour_nodes(
         camera: One camera, leaves (..., N or 1) without an axis of cameras.
         flesh: P parts, leaves (P, ..., N or 1).
         axes: Columns x, y and z of the parts in the world (P, 3, 3, N).
-        centres: Of the parts in the world (P, 3, N), mm.
-        latitudes: Of the rings.
-        longitudes: Of the nodes between which a contour is sought, all around.
+        centres: Centres of the parts in the world (P, 3, N), mm.
+        latitudes: Latitudes of the rings.
+        longitudes: Longitudes of the nodes between which a contour is sought, all around.
         lean: Cosine between surface and view up to which a ring has to lean both ways to count as crossed.
     """
     facing = nodes_facing(camera, place_in(axes, centres, local_nodes(flesh, latitudes, longitudes)))  # (P, R, W, N)

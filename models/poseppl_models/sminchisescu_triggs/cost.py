@@ -22,8 +22,8 @@ err alike.
 
 Each cost c enters as a residual sqrt(2 c), of the offset's sign, that is normal of scale 1 and observed to be 0. So the density
 is that of the cost up to a constant, and every method for Gaussian data can use it; the Gauss-Newton curvature is that of the
-robust residuals. Gradients hold fixed which edges are assigned and where these lie, as the paper's do; the curvature holds
-fixed what other parts hide.
+robust residuals. Gradients keep the assigned edges and their positions fixed, as the paper's do; the curvature keeps the
+occlusion by other parts fixed.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class CostSettings(NamedTuple):
 
 
 class ImageSeen(NamedTuple):
-    """What was seen in a frame by C cameras.
+    """The data of a frame from C cameras.
 
     Attributes:
         energy: Edge energy (C, H, W), in [0, 1].
@@ -143,7 +143,7 @@ def _per_camera(
         own: The parts in the world, whose nodes they move.
         others: The same again, as occluders.
         assigned_at: The same again, where edges are assigned.
-        before: Where the flow expects the inner nodes (P, K, 2, N or 1), and roots of its weights (P, K, 3, N or 1).
+        before: Positions of the inner nodes by the flow (P, K, 2, N or 1), and roots of its weights (P, K, 3, N or 1).
     """
     lens, _, noise = camera
     edges, missed = _edge_residuals(settings, camera, flesh, own, others, assigned_at)
@@ -217,7 +217,7 @@ def _looked_up(image: Array, scale: Array, place: Array) -> Array:
 
 
 def _expected_by_flow(lens: Any, seen: Any, flesh: Superquadrics, before: Parts) -> Parts:
-    """Where the inner nodes of the frame before are expected now (P, K, 2, N), and roots of the weights (P, K, 3, N)."""
+    """Expected positions of the inner nodes of the frame before (P, K, 2, N), and roots of the weights (P, K, 3, N)."""
     inner = place_in(*before, local_nodes(flesh, *(jnp.asarray(angles, float) for angles in _INNER)))
     points = inner.points.reshape(len(inner.points), -1, *inner.points.shape[3:])
     image = project_point(lens, points)

@@ -69,12 +69,12 @@ def seen_in_images(images: Images, previous: Any, before: Images | None = None, 
     """Take edge energy, flow and motion boundaries from a frame.
 
     Args:
-        images: Of C cameras, all of one size, (H, W, 3) RGB or (H, W) gray.
+        images: Images of C cameras, all of one size, (H, W, 3) RGB or (H, W) gray.
         previous: The pose in the frame before (d,), at which the flow starts; any pose where there is no such frame.
         before: The images of the frame before; None for none, and then there is no flow, and every edge counts as one at a
             motion boundary.
-        levels: Of a pyramid: how many times the smoothing edges are taken at. Each camera has a row for each of L levels, and
-            flow at the first.
+        levels: Levels of a pyramid: multiples of the smoothing at which edges are taken. Each camera has a row for each of L
+            levels, and flow at the first.
     """
     settings = EnergySettings()
     energy = np.stack([edge_energy(image, settings.at_level(level)) for image in images for level in levels])

@@ -57,7 +57,7 @@ def penetration(flesh: Superquadrics, points: Array, *, softness: Array | float,
 
     Args:
         flesh: P parts that repel, leaves (P, ..., N or 1).
-        points: What each repels (P, K, 3, N), mm, in its own frame.
+        points: The points that each repels (P, K, 3, N), mm, in its own frame.
         softness: Unit of f, mm.
         decay: p.
     """

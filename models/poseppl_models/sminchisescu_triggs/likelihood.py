@@ -1,7 +1,7 @@
 """The image cost of :mod:`poseppl_models.sminchisescu_triggs.cost` as a distribution with gradient and Gauss-Newton curvature.
 
-A residual moves with its own part alone, what other parts hide held fixed, and a part as its link does: six derivatives, by
-shifts and turns of all parts at once, give all d columns of the Jacobian (:func:`derivatives_of_wrenches`).
+A residual moves with its own part alone, with the occlusion by other parts fixed, and a part as its link does: six derivatives,
+by shifts and turns of all parts at once, give all d columns of the Jacobian (:func:`derivatives_of_wrenches`).
 """
 
 from __future__ import annotations
@@ -87,10 +87,10 @@ class ImageResiduals(dist.Normal):  # type: ignore[misc]
     """Residuals (C, entries) of a state in images; the value is 0. Only differentiated by the state.
 
     Args:
-        residuals: Of a state and what is known of its images.
+        residuals: Function of a state and the data of its images.
         jacobian: Their derivatives (C, entries, d).
         state: Shape (d,).
-        known: Of the images.
+        known: Data of the images.
     """
 
     is_predictive = False
@@ -115,14 +115,14 @@ class ImageResiduals(dist.Normal):  # type: ignore[misc]
 
 
 class ContourAndFlow(ImageResiduals):
-    """The residuals of a pose, of batch shape (C, P * entries a part); their derivatives hold fixed what other parts hide.
+    """The residuals of a pose, of batch shape (C, P * entries a part); derivatives keep occlusion by other parts fixed.
 
     Args:
         tree: The body.
         flesh: Its parts.
         cameras: C cameras, px.
         state: Shape (d,).
-        seen: What was seen.
+        seen: The data.
         noise: Standard deviations and weights.
         settings: The cost's numbers.
     """

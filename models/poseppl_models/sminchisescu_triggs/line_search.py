@@ -50,7 +50,7 @@ def edges_along_normals(
     """
     steps = (
         step * jnp.asarray(np.arange(-window - 1, window + 2), image.dtype)[:, None]
-    )  # one more to both sides to tell maxima
+    )  # one more to both sides to find maxima
     along = image[..., None, :, :] + steps[:, None] * normals[..., None, :, :]
     value = at_points(edges[None], scale[None], along[..., 0, :][None], along[..., 1, :][None])[0]  # (..., K + 2, N)
     before, here, after = value[..., :-2, :], value[..., 1:-1, :], value[..., 2:, :]

@@ -24,8 +24,8 @@ def hidden(flesh: Superquadrics, axes: Array, centres: Array, eye: Array, points
     Args:
         flesh: P parts, leaves (P, ..., N or 1).
         axes: Columns x, y and z of the parts in the world (P, 3, 3, N).
-        centres: Of the parts in the world (P, 3, N), mm.
-        eye: Where the camera is (3, N or 1), mm.
+        centres: Centres of the parts in the world (P, 3, N), mm.
+        eye: Position of the camera (3, N or 1), mm.
         points: Points of each part in the world (P, K, 3, N), mm.
         softness: How far inside of the silhouette of a part it takes to be hidden, mm.
     """

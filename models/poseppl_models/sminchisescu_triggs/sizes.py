@@ -6,10 +6,10 @@ sizes whitened by the anthropometric prior (:mod:`poseppl_models.bodies.humanoid
 
     mm = mu_a + chol(Sigma_a) sizes,
 
-which comes back as ``millimetres``. Data are joints marked in the picture, ``points``, and the contours of the parts,
-``image`` (:mod:`poseppl_models.sminchisescu_triggs.cost`, without flow). Both sides have the same sizes. In one picture sizes
-and distance are told apart by the prior alone: the stature keeps its 3.9 %, proportions become known better. A search for modes
-under the sites' bounds finds pose and sizes together, and the curvature there their uncertainty.
+which comes back as ``millimetres``. Data are joints marked in the picture, ``points``, and the contours of the parts, ``image``
+(:mod:`poseppl_models.sminchisescu_triggs.cost`, without flow). Both sides have the same sizes. In one picture only the prior
+distinguishes sizes from distance: the stature keeps its 3.9 %, proportions become known better. A search for modes under the
+sites' bounds finds pose and sizes together, and the curvature there their uncertainty.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Superquadrics in images: nodes that are seen, points of occluding contours, and silhouettes.
 
-A node is seen if its normal leans towards the eye. Where that changes along an edge of the mesh, the occluding contour crosses
+A node is seen if its normal leans towards the eye. If that changes along an edge of the mesh, the occluding contour crosses
 it, and the crossing is interpolated (:func:`contour_points`). Both know of no other part, nor of another side of the same one.
 
 For silhouettes (:func:`outlines_of`) each part is cut along its z into pieces that are nearly convex: each looks like the
@@ -34,7 +34,7 @@ from poseppl.motion.geometry.kinematics import Frames
 from poseppl_models.sminchisescu_triggs.superquadrics import Nodes, Superquadrics, local_nodes, place_nodes
 
 _EVEN = 0.75
-"""Where parts are cut: at latitudes of so much those of slices of one height, and for the rest even ones."""
+"""The cuts of parts: at latitudes of so much those of slices of one height, and for the rest even ones."""
 _FILL = 1 / 24
 """Nodes are moved out by so much of their second differences: seen from all around, chords fall short of arcs by that."""
 _CREASE = 4.0
@@ -54,7 +54,7 @@ class Fineness(NamedTuple):
     Attributes:
         rings: Gaps of the mesh from pole to pole, at least; a piece has two.
         meridians: Nodes around a part, an even number.
-        sides: Of each piece's polygon.
+        sides: Sides of each piece's polygon.
     """
 
     rings: int = 20
@@ -104,11 +104,11 @@ def facing(cameras: Cameras, nodes: Nodes) -> Array:
 
 
 def contour_points(cameras: Cameras, nodes: Nodes) -> Contours:
-    """Where the edges of the mesh, those along rings first, cross the occluding contours.
+    """Crossings of the mesh's edges, those along rings first, with the occluding contours.
 
     Args:
         cameras: C cameras, leaves (C, ..., N or 1).
-        nodes: Of the parts (P, R, W, 3, N), longitudes all around.
+        nodes: Nodes of the parts (P, R, W, 3, N), longitudes all around.
     """
     lean = facing(cameras, nodes)
     place = jnp.broadcast_to(nodes.points, (lean.shape[0], *nodes.points.shape))
@@ -124,8 +124,8 @@ def outlines_of(cameras: Cameras, flesh: Superquadrics, frames: Frames, fineness
     Args:
         cameras: C cameras, leaves (C, ..., N or 1).
         flesh: The parts, leaves (P, ..., N or 1).
-        frames: Of the links, leaves (links, ..., N).
-        fineness: Of the mesh and the polygons; the usual one if None.
+        frames: Frames of the links, leaves (links, ..., N).
+        fineness: Fineness of the mesh and the polygons; the usual one if None.
 
     Raises:
         ValueError: A setting is out of range.

@@ -53,7 +53,7 @@ class Superquadric(NamedTuple):
     """A tapered and bent superquadric ellipsoid.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         joint: The joint in whose frame it is fixed.
         half_axes: Along its own x, y and z before it is deformed, mm.
         exponents: e_1, of its profile along z, and e_2, of its sections across; from 0.1 to 2.
@@ -150,7 +150,7 @@ def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, piec
 
 
 def pieces_needed(part: Superquadric, loss: float = 0.003) -> int:
-    """Into how many pieces a part has to be cut for the convex hulls of the pieces to tell its silhouette.
+    """The number of pieces of a part whose convex hulls make its silhouette.
 
     The hull of an arc of length l and angle g fills a segment of the circle on the hollow side, of area l^2 g / 12; the n
     pieces of a part of length L, angle B and width w add B L / (12 w n^2) of its area, seen from where the bend shows.

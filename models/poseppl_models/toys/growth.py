@@ -6,8 +6,8 @@ coordinate on its own:
     x_t = x_(t-1) / 2 + 25 x_(t-1) / (1 + x_(t-1)^2) + 8 cos(1.2 t) + N(0, 10),    x_1 ~ N(0, 10),
     y_t = x_t^2 / 20 + N(0, 1).
 
-The data tell the sign of no coordinate. State site `x` and data site `y`, scalars in one dimension, else (d,); `inputs` is the
-time t of the frame, a scalar that counts from 1.
+The data do not determine the sign of any coordinate. State site `x` and data site `y`, scalars in one dimension, else (d,);
+`inputs` is the time t of the frame, a scalar that counts from 1.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpyro.distributions as dist
 from poseppl.program import StateSpaceModel
 
 VARIANCE = 10.0
-"""Of the transition and of the first state."""
+"""Variance of the transition and of the first state."""
 
 
 def growth_mean(x: Any, time: Any) -> Any:

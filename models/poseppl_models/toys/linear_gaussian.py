@@ -39,7 +39,7 @@ def linear_gaussian_matrices(dimension: int = 1, num_observed: int | None = None
     Args:
         dimension: d.
         num_observed: k, the rows of the default H.
-        given: Those that differ. Of the transition A (d, d), by default 0.9 on the diagonal and 0.1 above it, and Q (d, d),
+        given: Those that differ. For the transition A (d, d), by default 0.9 on the diagonal and 0.1 above it, and Q (d, d),
             0.25 I; of the observation H (k, d), the first k rows of the identity, and R (k, k), 0.25 I; of the first state
             m (d,), 0, and P (d, d), I; B (d, l) of the inputs, of which there are none by default.
 

@@ -1,10 +1,10 @@
-"""Two mirror modes: data that tell a distance from 0 but not the side, and a state that keeps to its side.
+"""Two mirror modes: data of a distance from 0 without its side, and a state that stays on its side.
 
     x_0 ~ N(0, s_0^2),     x_t ~ N(level tanh(x_(t-1) / width), s^2),     y_t ~ N(|x_t|, r^2),     side_t ~ N(x_t, r^2)
 
 Mask `side` where the side is not known. While it never is, x and -x are equally probable at every frame, and a path crosses
 from one side to the other only by a rare jump: a filter has to carry two modes through the whole ambiguous stretch, and a
-smoother has to carry back what a later frame tells. State site `x` and data sites `y` and `side`, scalars; no inputs.
+smoother has to carry back the information of a later frame. State site `x` and data sites `y` and `side`, scalars; no inputs.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The diagnostics in words: what is wrong with a result, where, and what to do about it, the worst first.
 
-Each file beside this one holds the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
+Each file beside this one has the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
 those that :func:`verdicts` makes of any result. A check that cannot judge a result yields `not_run`. A package with checks of
 its own is listed in `EXTENSIONS`, and has its own `CHECKS`.
 """

@@ -26,7 +26,7 @@ TAU_BAD = 25.0
 RHAT_HIGH, RHAT_APART = 1.2, 2.0
 """R-hat of chains that disagree, and of chains that are in different places."""
 RHAT_SHARE, RHAT_WARNING = 0.02, 0.1
-"""Shares of frames and coordinates above `RHAT_HIGH` that are told, and that are a warning."""
+"""Shares of frames and coordinates above `RHAT_HIGH` that are reported, and that are a warning."""
 REJECTION_HIGH = 0.4
 REJECTION_LOW = 0.01
 MAX_NAMED = 4
@@ -58,7 +58,7 @@ def divergences(tree: xr.DataTree) -> Findings:
 
 
 def _trajectories(tree: xr.DataTree) -> int:
-    """Trajectories of a frame: chains times updates as the settings tell them, else the draws that are kept."""
+    """Trajectories of a frame: chains times updates by the settings, else the draws that are kept."""
     settings, sizes = told(tree, "settings"), tree["posterior"].sizes
     return int(settings.get("num_chains", sizes["chain"]) * settings.get("num_updates", sizes["draw"]))
 

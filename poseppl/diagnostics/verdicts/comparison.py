@@ -1,4 +1,4 @@
-"""A comparison of runs in words: who wins, by how much, where, and whose figures are not to be trusted."""
+"""A comparison of runs in words: which run wins, by how much, where, and which figures should not be trusted."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
     """Say what a comparison found.
 
     Args:
-        tree: Of :func:`poseppl.diagnostics.compare`.
+        tree: The tree of :func:`poseppl.diagnostics.compare`.
 
     Returns:
-        Who wins, then what is wrong with single runs.
+        The winners, then the problems of single runs.
     """
     return [*_winners(tree), *_other_cameras(tree), *_evidence(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
 
 
 def _evidence(tree: xr.DataTree) -> Findings:
-    """Who explains the data best, and whom that is beyond Monte Carlo noise."""
+    """The run that explains the data best, and the runs that it beats beyond Monte Carlo noise."""
     data = tree["evidence"].dataset
     names, total = data["run"].values.tolist(), data["log_evidence"].values
     known = np.isfinite(total) & np.isfinite(data["standard_error"].values)
@@ -60,7 +60,7 @@ def _evidence(tree: xr.DataTree) -> Findings:
     told = [f"{names[index]} {evidence_words(data.isel(run=index))}" for index in np.flatnonzero(np.isfinite(total))]
     if told:
         yield Verdict(INFO, f"Log evidence: {'; '.join(told)}.")
-    if known.sum() > 1 and not any(_other_cameras(tree)):  # evidences of other data are not held against each other
+    if known.sum() > 1 and not any(_other_cameras(tree)):  # evidences of different data are not compared
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
         behind, level = words_of(beyond), words_of(known & ~beyond & (np.arange(len(names)) != best))

@@ -66,10 +66,10 @@ def coverage_finding(
 
     Args:
         found: :func:`coverage_of` them.
-        what: What they are of.
-        wider: What makes them wider.
-        narrower: What makes them narrower.
-        aside: What else makes them too narrow, in words.
+        what: The quantity, in words.
+        wider: Remedies that make them wider.
+        narrower: Remedies that make them narrower.
+        aside: Another cause of narrow intervals, in words.
     """
     share, error = found
     kind = calibration(share, error)

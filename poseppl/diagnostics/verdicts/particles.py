@@ -21,7 +21,7 @@ from poseppl.diagnostics.verdicts.verdict import (
 from poseppl.runs.results import is_weighted, provenance
 
 LOW_SHARE = 0.1
-"""Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""
+"""Share of frames with few effective particles above which they are an error: a filter finds back from single ones."""
 
 
 def mode_seeking(tree: xr.DataTree) -> Findings:

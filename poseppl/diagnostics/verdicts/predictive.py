@@ -1,4 +1,4 @@
-"""Whether the data come as the filter expected them, and what its predictions tell of its own errors, which needs no truth."""
+"""Whether the data agree with the filter's predictions, and its errors by these predictions, without a truth."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
 
 
 def rank_test(tree: xr.DataTree) -> str:
-    """What the data's ranks among their predictions say, by the coverage of prediction intervals; none without such checks."""
+    """Describe the data's ranks among their predictions, by the coverage of prediction intervals; none without such checks."""
     checks = prediction_of(tree)
     if checks is None:
         return ""
@@ -98,7 +98,7 @@ def prediction_of(tree: xr.DataTree) -> Prediction | None:
 
 
 def predicted_state_of(tree: xr.DataTree) -> StatePrediction | None:
-    """What a filter predicted of its state; None where that was not kept, and of a smoother, which knows more data."""
+    """A filter's predictions of its state; None where that was not kept, and of a smoother, which knows more data."""
     checks = prediction_of(tree)
     return None if checks is None or "smoother" in provenance(tree) else checks.state
 
@@ -111,7 +111,7 @@ def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = Non
         frames: Frame numbers (T,); 0, 1, ... if None.
 
     Returns:
-        Findings; none where the predictions hold, or where there are too few frames to tell.
+        Findings; none if the predictions are right, or if there are too few frames to decide.
     """
     figures = predictive_figures(prediction)
     found, _, reach = figures.inflation
@@ -176,7 +176,7 @@ def _of_whole_frames(figures: PredictiveFigures, prediction: DataPrediction, fra
 
 
 def few_points(tree: xr.DataTree) -> Findings:
-    """Errors that the number of points alone explains, of filters that tell it; none without predictive checks of the state."""
+    """Errors that the number of points alone explains, for filters that report it and results with predictive checks."""
     known, prediction = provenance(tree), predicted_state_of(tree)
     points = known.get("points of the past")
     if points is None or prediction is None:
@@ -195,7 +195,7 @@ def few_points(tree: xr.DataTree) -> Findings:
 
 
 def unreached(tree: xr.DataTree) -> Findings:
-    """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
+    """Weakly informed coordinates; nothing where the result has no predictive checks of its state."""
     prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
     if prediction is None or ess is None:
         yield not_run("" if "smoother" in provenance(tree) else UNCHECKED)
@@ -207,17 +207,17 @@ def unreached(tree: xr.DataTree) -> Findings:
 def check_unreached(
     prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, names: Sequence[str]
 ) -> list[Verdict]:
-    """Judge a filter where its data hardly reach.
+    """Judge a filter in weakly informed coordinates.
 
     Args:
         prediction: With a leading T.
         mean: The posterior's mean (T, d).
         standard_deviation: Its standard deviation (T, d).
         ess: The filter's effective number of draws (T,).
-        names: Of the coordinates (d,).
+        names: Names of the coordinates (d,).
 
     Returns:
-        A finding; none where the posterior is what the prediction allows, or where there are too few frames to tell.
+        A finding; none if the posterior is what the prediction allows, or if there are too few frames to decide.
     """
     figures = weakly_observed_stats(prediction, mean, standard_deviation, ess)
     if figures is None:
@@ -230,7 +230,7 @@ def check_unreached(
     return [
         Verdict(
             ERROR,
-            f"In coordinates that the data hardly reach ({', '.join(names[i] for i in which[:MAX_NAMED])}{more}), errors have "
+            f"In weakly informed coordinates ({', '.join(names[i] for i in which[:MAX_NAMED])}{more}), errors have "
             f"{found:.2g} ± {error:.1g} times the variance that the filter reports: the variance shrinks by "
             f"{100 * figures.lost:.0f} % a frame, and data explain {max(0.0, 100 * figures.explained):.0f} %; the coverage of "
             f"90 % intervals is about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",

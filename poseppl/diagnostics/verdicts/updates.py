@@ -17,7 +17,7 @@ from poseppl.runs.predictive import StatePrediction
 from poseppl.runs.results import provenance
 
 MIN_FRAMES = 10
-"""Frames that have to tell."""
+"""The least number of frames that are used."""
 COVERAGE_LOW = 0.85
 """Share of a frame's posterior in 90 % intervals, from which they are called too narrow."""
 _NOMINAL = 0.9
@@ -50,7 +50,7 @@ def check_updates(
         others: Filters to turn to, by name.
 
     Returns:
-        A finding; none where they agree, or where there are too few frames to tell.
+        A finding; none if they agree, or if there are too few frames to decide.
     """
     figures = update_figures(prediction, mean, standard_deviation, ess)
     if figures.frames < MIN_FRAMES or not np.isfinite(figures.inflation).any():
@@ -80,7 +80,7 @@ def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
         others: Filters to turn to, by name.
 
     Returns:
-        A finding; none where they agree, or where there are too few frames to tell.
+        A finding; none if they agree, or if there are too few frames to decide.
     """
     frames, (covered, error, reach) = update_coverage(prediction, low, high)
     if not (frames >= MIN_FRAMES and covered < COVERAGE_LOW and covered + reach < _NOMINAL):

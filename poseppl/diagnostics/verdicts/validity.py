@@ -25,7 +25,7 @@ def failures(tree: xr.DataTree) -> Findings:
 
 
 def run_warnings(tree: xr.DataTree) -> Findings:
-    """What the run itself warned of, which is no check of its result."""
+    """Warnings of the run itself, which are no check of its result."""
     yield not_run()
     found = provenance(tree).get("warnings", [])
     for text in found if isinstance(found, list) else []:

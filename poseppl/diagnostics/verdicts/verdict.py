@@ -32,7 +32,7 @@ MAX_RANGES = 6
 
 
 class Remedy(NamedTuple):
-    """What to do about a finding.
+    """A remedy for a finding.
 
     Attributes:
         words: A phrase, with "{}" where the argument is named.
@@ -57,8 +57,8 @@ class Verdict(NamedTuple):
 
     Attributes:
         severity: "error", "warning" or "info".
-        finding: What was found, a sentence, or one that its remedies end.
-        remedies: What can be done about it.
+        finding: The finding: a sentence, or the start of one that its remedies complete.
+        remedies: Its remedies.
     """
 
     severity: str
@@ -81,7 +81,7 @@ class Verdict(NamedTuple):
 
 
 Findings = Iterator[Verdict]
-"""What a check yields."""
+"""The output of a check."""
 
 
 def _either(names: Sequence[str], last: str) -> str:
@@ -89,10 +89,10 @@ def _either(names: Sequence[str], last: str) -> str:
 
 
 def not_run(reason: str = "") -> Verdict:
-    """What a check yields that cannot judge a result; without a reason where it is for results of another kind.
+    """The output of a check that cannot judge a result; without a reason where it is for results of another kind.
 
     Args:
-        reason: What is missing, in a few words.
+        reason: The missing part, in a few words.
     """
     return Verdict(NOT_RUN, reason)
 
@@ -137,7 +137,7 @@ def statistic(tree: xr.DataTree, name: str) -> Floats | None:
 
 
 def settings_among(tree: xr.DataTree, *names: str, lower: str = "") -> tuple[Remedy, ...]:
-    """Settings to raise, and one to lower: those that the run's algorithm has, or all where it does not tell."""
+    """Settings to raise, and one to lower: those that the run's algorithm has, or all if they are unknown."""
     settings = told(tree, "smoother settings" if "smoother" in provenance(tree) else "settings")
     ways = {**({lower: "lower"} if lower else {}), **dict.fromkeys(names, "raise")}
     there = tuple(Remedy(f"{way} {{}}", name, setting=True) for name, way in ways.items() if name in settings)

@@ -1,8 +1,8 @@
 r"""The activity-guided annealed filter (Darby, Li and Costen 2008, doi:10.1109/AFGR.2008.4813348, section 6.2).
 
-The annealed filter (:mod:`poseppl.filters.published.annealed`) of a model with a hidden Markov chain: a finite site s and
-the site f that it emits, f ~ N(mu_s, Sigma_s), beside free ones. In each layer r = R, ..., 1 of a frame a particle's f is
-emitted anew:
+The annealed filter (:mod:`poseppl.filters.published.annealed`) of a model with a hidden Markov chain: a finite site s and the
+site f that it emits, f ~ N(mu_s, Sigma_s), beside free ones. In each layer r = R, ..., 1 of a frame a particle's f is emitted
+again:
 
 1. the state s_i most likely to have emitted the particle's f is found, i = argmax_i N(f; mu_i, Sigma_i);
 2. the chain makes K_i transitions from s_i to s_j (Eq. 12), which leave s_i with a probability of rho_r at least,
@@ -19,7 +19,7 @@ have emitted its f; any rho_T up to 1 - max A_ii gives one transition, the chain
 surely. A_ii = 1 cannot be left, however large K, and K is 1. K is at most 16,383. Transitions are powers of A, so that a large
 K costs no more.
 
-What the likelihood calls impossible, such as limbs that intersect or angles beyond limits, has no weight. Without a chain in
+Impossible states, such as limbs that intersect or angles beyond limits, have no weight. Without a chain in
 the model this is the annealed filter.
 """
 

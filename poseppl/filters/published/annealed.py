@@ -12,12 +12,12 @@ P is the variance of the transition, from pairs of draws with a common ancestor,
 was drawn. With crossover (Deutscher, Davison and Reid 2001, doi:10.1109/CVPR.2001.991028), a particle has two parents, and
 groups of coordinates come from either.
 
-What it is not: a sampler of the posterior. Each layer weighs by the likelihood anew, so that after R layers the particles have
+It is not a sampler of the posterior. Each layer weighs by the likelihood again, so that after R layers the particles have
 gathered where the likelihood is highest within reach of the prediction; their spread says how far the layers have come, not how
 much is known, and more particles do not change that. `log_evidence` is that of the particles as predicted, from such a set.
 :mod:`poseppl.filters.tempered` anneals with the weights that make it a sampler.
 
-Where a layer's likelihoods are all equal, as in a frame without data, there is nothing to seek and no noise is added. If no
+If a layer's likelihoods are all equal, as in a frame without data, no noise is added. If no
 particle can explain a frame, it is reported as failed and the particles stay as predicted.
 """
 

@@ -10,21 +10,21 @@ Section 2.3. With N particles of frame k - 1 and their weights w:
 The noise of layer t is multiplied by the survival diagnostic of the layer before, 1 / (N sum_i w_i^2) (Eq. 7, in which it grows
 with the diagnostic; the text below it says that it should shrink, which `noise_follows="degeneracy"` does: N sum_i w_i^2).
 
-What it targets, by `target`:
+The argument `target` selects what it computes:
 
 * "likelihood", as published: the DE-MC's function and the weights are the likelihood alone. T layers lead from the prediction
   towards the normalised likelihood, which the weights then square: a seeker of modes, not a sampler of the posterior.
-  Directions that a frame's data leave open are held by nothing, and widen by a factor (1 + 2 lambda^2)^(1/2) a layer. Where all
-  likelihoods are equal, as in a frame without data, the particles stay as predicted.
+  Directions that a frame's data do not constrain widen by a factor (1 + 2 lambda^2)^(1/2) a layer. If all likelihoods are
+  equal, as in a frame without data, the particles stay as predicted.
 * "posterior", ours: the predictions, drawn from the transition, are resampled by their likelihoods, and the T layers leave
   p(z | x) 1/N sum_j p(x | x_(k-1)^j) invariant, as in the HMC filter, at a cost of O(N^2). It converges to the posterior with
   N; particles count alike, and X_k has the largest posterior density. Eq. 7 is left out, to keep the moves exact.
 
-Copies have no differences to move by. Where likelihoods are sharp beside the prediction, the selection leaves few distinct
+Copies have no differences to move by. If likelihoods are sharp relative to the prediction, the selection leaves few distinct
 particles, and a velocity that all share does not part them: on the 28-DOF body in one camera this loses track within a few
 frames, while draws from the transition, the default, keep it. "posterior" suffers alike from its resampling in many dimensions.
 
-Where no prediction has any density, as beyond hard limits that a velocity led across, the velocity is not taken: the particles
+If no prediction has any density, as beyond hard limits that a velocity crossed, the velocity is not used: the particles
 begin where they were. If they have no density there either, the layers search from the predictions, for a member without
 density goes to any that it finds. A frame of which no particle finds any is reported as failed: the particles stay as
 predicted, and the velocity, which led nowhere, is dropped. `log_evidence` is that of the particles with which the layers begin.
@@ -75,8 +75,8 @@ class _Layers(NamedTuple):
 
     Attributes:
         posterior: Whether towards the posterior.
-        moves: Of each layer.
-        noise_follows: What sets the width of the noise.
+        moves: Moves of each layer.
+        noise_follows: The diagnostic that scales the noise.
         scheme: How particles are resampled.
     """
 

@@ -11,7 +11,7 @@ Eq. 17, from the Gauss-Newton curvature of the posterior at the predicted mean, 
 dense mass matrix from the same curvature is an option.
 
 The mixture of M points cannot carry a posterior over many frames in high dimension: chains stay with their ancestor and
-intervals are too narrow. :mod:`poseppl.filters.assumed_density` mends that.
+intervals are too narrow. :mod:`poseppl.filters.assumed_density` corrects that.
 """
 
 from __future__ import annotations

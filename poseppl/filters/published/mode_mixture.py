@@ -1,4 +1,4 @@
-"""What a tracker of modes does with a mixture of Gaussians: predict it, take it for a prior, start from it, draw from it."""
+"""Operations of a mode tracker on a mixture of Gaussians: predict it, take it for a prior, start from it, draw from it."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def draw_modes(
         rng_key: PRNG key.
         modes: The modes as Gaussians.
         num_draws: N.
-        constraints: What states keep to; None where there are no bounds and no rows.
+        constraints: Constraints of the states; None where there are no bounds and no rows.
         found: The modes under the constraints.
         failed: Whether `modes` is another mixture, a prediction.
     """

@@ -8,13 +8,13 @@ of all frames are drawn in turn from their distributions given the rest,
 for 2,000 rounds, of which the first 5 % are left out; so do the defaults, in four chains. The paper's states are discrete;
 these stay continuous, and the frame moves are those of :mod:`poseppl.smoothers.published.gibbs_moves`. Given their neighbours,
 even frames are independent of each other, and odd ones too: a round moves all even frames at once, then all odd ones,
-in several chains side by side. Where transitions are linear Gaussian, x may also be drawn as a whole given s (blocked; Carter
+in several chains side by side. If transitions are linear Gaussian, x may also be drawn as a whole given s (blocked; Carter
 and Kohn 1994, doi:10.1093/biomet/81.3.541).
 
 One chain starts at the most likely particle of every frame (section 5.2), the others at trajectories drawn from the filter. A
 chain moves frame by frame, and does not cross between modes of whole trajectories: these it has from its start.
 
-What is sampled is the model with the mixture for its likelihood; nothing makes up for the error of that (the mixture's own
+The target is the model with the mixture for its likelihood; nothing makes up for the error of that (the mixture's own
 module says how large it is), except `target="model"`: the same moves are accepted against the likelihood itself, which is then
 evaluated at every move, and chains converge to the smoothing distribution.
 """
@@ -79,7 +79,6 @@ def gibbs_smoother(
         target: "mixture", or "model" for moves that are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
-            The paper's is 3 degrees. The chains themselves are continuous.
         mixture: The other settings of the mixture;
             :class:`~poseppl.smoothers.published.likelihood_mixture.MixtureSettings` if None.
 
@@ -154,7 +153,7 @@ def gibbs_chains(
     Args:
         rng_key: PRNG key.
         model: The compiled model, its initial and transition programs with Gaussian moments.
-        mixture: Of the likelihood of every frame.
+        mixture: Mixture of the likelihood of every frame.
         starts: Trajectories (M, T, d).
         observations: Stacked data with leading T; only `true_likelihood` reads them.
         inputs: Stacked inputs with leading T, or None.

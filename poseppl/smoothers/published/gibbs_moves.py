@@ -18,7 +18,7 @@ transitions. These moves alternate at random:
   far these lie apart. The next frame is left out of the proposal where the transition is not linear.
 * *local*: k given the current x_t, phi_k(x_t), as in Gibbs sampling proper, and the transition linearised at o_k = a_k.
 * *plain*, only when the likelihood itself is sampled from: without phi, so that a mixture that is too low somewhere does not
-  hold a chain.
+  trap a chain.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Frames(NamedTuple):
     """Constants of the moves of T frames; functions of one frame take a row of it.
 
     Attributes:
-        mixture: Of the likelihood.
+        mixture: Mixture of the likelihood.
         first: Whether there is no frame before (T,).
         last: Whether there is no frame after (T,).
-        inputs: Of the frame.
-        next_inputs: Of the frame after.
+        inputs: Inputs of the frame.
+        next_inputs: Inputs of the frame after.
         observation: Data of the frame.
         ahead: The transition into the next frame, around the anchors (T, K, ...), or (T, 1, ...) where it is linear; its
             precisions are 0 at the last frame.

@@ -5,9 +5,9 @@ reference trajectory, runs a conditional filter whose particles are proposed giv
 draws a trajectory by backward simulation. Proposals and weights are derived in
 :mod:`poseppl.smoothers.published.gradient_proposal`.
 
-A factor of mGRAD's weight at frame t + 1 holds the ancestors of all slots but the one that it weighs, so that it says nothing
-of that slot's own ancestor: backward simulation draws x_t^i with probability proportional to w_t^i p(x_(t+1) | x_t^i), as in a
-bootstrap filter. Ancestors are multinomial.
+A factor of mGRAD's weight at frame t + 1 contains the ancestors of all slots but the one that it weighs, so that it says
+nothing of that slot's own ancestor: backward simulation draws x_t^i with probability proportional to w_t^i p(x_(t+1) | x_t^i),
+as in a bootstrap filter. Ancestors are multinomial.
 
 Step sizes delta_t are learned frame by frame, in warmup alone and by all chains together, so that a share 1 - (1 + N)^(-1/3) of
 the moves changes the frame's state. The scale S and the noise Q of the proposals come from the filter's history and stay.
@@ -70,7 +70,7 @@ def particle_mgrad_smoother(
         num_draws: R, draws of each chain that count.
         num_warmup: Moves of each chain before them, in which step sizes are learned.
         variant: "mgrad" integrates the auxiliary variable out of the weights, "agrad" keeps it.
-        scaling: Of a step, from the filter's particles: their "covariance", its diagonal ("spread"), or "none".
+        scaling: The scale of a step, from the filter's particles: their "covariance", its diagonal ("spread"), or "none".
 
     Returns:
         The smoother; its particles are (T, M, R, d), and the draw of one index is a whole trajectory. `acceptance` is the share
@@ -134,7 +134,7 @@ def _geometries(model: CompiledModel, history: History, inputs: Any, scaling: Sc
 
 
 class _Frame(NamedTuple):
-    """What a frame of a move is given: its number, reference (d,), axes, h, data and inputs."""
+    """The arguments of a frame of a move: its number, reference (d,), axes, h, data and inputs."""
 
     number: Array
     kept: Array

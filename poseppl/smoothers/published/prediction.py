@@ -5,7 +5,7 @@ For a history of weighted particles (x_j, w_j) at the frame before,
     p(x_t | z_(<t)) = sum_j w_j p(x_t | x_j),
     m = sum_j w_j E[x_t | x_j],      P = cov_j E[x_t | x_j] + sum_j w_j Cov[x_t | x_j],
 
-and the initial program's at the first frame. It holds for any filter, whatever its particles of the frame itself were drawn
+and the initial program's at the first frame. It is valid for any filter, whatever its particles of the frame itself were drawn
 from.
 """
 
@@ -25,7 +25,7 @@ from poseppl.program.population import log_initials, log_transition_matrix, tran
 from poseppl.smoothers.base import History
 
 _ELEMENTS = 2**24
-"""Numbers that a batch of frames may hold at once."""
+"""Numbers that a batch of frames may keep at once."""
 
 
 def map_frames(function: Any, arguments: Any, num_frames: int, elements: int) -> Any:

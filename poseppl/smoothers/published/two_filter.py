@@ -73,7 +73,7 @@ def two_filter_smoother(
         method: "exact", O(N^2) a frame, or "linear", O(N).
         num_pairs: Forward particles that "linear" pairs with each backward one, at least 1.
         inflation: Factor c by which the fitted covariances are widened, at least 1; None is 1 + 2 / d.
-        tile: Rows of the N x N matrix that "exact" holds at a time; None holds about a million entries.
+        tile: Rows of the N x N matrix that "exact" keeps at a time; None keeps about a million entries.
 
     Returns:
         The smoother; its particles are new, and only each frame's marginal is known.

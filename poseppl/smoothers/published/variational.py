@@ -75,14 +75,14 @@ from poseppl.smoothers.published.likelihood_mixture import (
 )
 
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
-"""Of the way to the linearised optimum, tried where the transition is not linear."""
+"""Fractions of the way to the linearised optimum, tried if the transition is not linear."""
 
 
 class VariationalFit(NamedTuple):
     """The approximation q(x) q(s).
 
     Attributes:
-        means: Of q(x_t), (T, d).
+        means: Means of q(x_t), (T, d).
         factor: Cholesky factor of the precision of q(x).
         responsibilities: r_tk (T, K).
         free_energy: F at the start and after each round (num_rounds + 1,).
@@ -172,7 +172,7 @@ def fit_variational(
     Args:
         model: The compiled model, its initial and transition programs with Gaussian moments.
         history: The filter's, where q(x) starts.
-        mixture: Of the likelihood of every frame.
+        mixture: Mixture of the likelihood of every frame.
         inputs: Stacked inputs with leading T, or None.
         num_rounds: Rounds of fixed-point updates.
         factorised: Whether q(x) is a product over frames.
@@ -206,7 +206,7 @@ def fit_variational(
         return state, energies[-1]
 
     start = _State(_start(model, history, inputs), jnp.zeros_like(mixture.log_heights))
-    # the first round stays where it is: it tells the free energy and the responsibilities at the start
+    # the first round stays where it is: it gives the free energy and the responsibilities at the start
     state, energies = jax.lax.scan(update, start, (jnp.arange(num_rounds + 1) > 0).astype(fractions.dtype))
     return VariationalFit(state.q.means, block_cholesky(state.q.precision), state.shares, energies)
 

@@ -71,7 +71,7 @@ def test_masks_are_bounded_by_their_header(path):
             np.save(stream, np.array([100_000, 8192, 8192]))
         with archive.open("masks.npy", "w") as stream:
             np.lib.format.write_array_header_1_0(stream, {"descr": "|u1", "fortran_order": False, "shape": shape})
-    with pytest.raises(InputError, match="masks.npy does not hold the array that it declares"):
+    with pytest.raises(InputError, match="masks.npy does not contain the array that it declares"):
         open_masks(path)
 
 
@@ -82,5 +82,5 @@ def test_masks_hold_no_more_than_they_declare(path):
         with archive.open("masks.npy", "w") as stream:
             np.save(stream, np.packbits(MASKS, axis=-1))
             stream.write(bytes(1000))
-    with pytest.raises(InputError, match="masks.npy does not hold the array that it declares"):
+    with pytest.raises(InputError, match="masks.npy does not contain the array that it declares"):
         open_masks(path)

@@ -79,7 +79,7 @@ def test_files_that_cannot_be_used_are_computed_anew(tmp_path, damage):
     else:
         rewrite_record(path, **{damage: 0 if damage == "format" else {"jax": "0.1"}})
     results, listener = run(JOBS, tmp_path)
-    assert listener.start == (4, 3, 2.0) and len(listener.notes) == 1 and "computed anew" in listener.notes[0]
+    assert listener.start == (4, 3, 2.0) and len(listener.notes) == 1 and "computed again" in listener.notes[0]
     assert results[JOBS[1].key]["mean"] == expected[JOBS[1].key]["mean"]
     assert run(JOBS, tmp_path)[1].start == (4, 4, 0)
 
@@ -115,7 +115,7 @@ def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
         found, listener = run(JOBS[:1], tmp_path)
         for name, values in wanted[JOBS[0].key].items():
             np.testing.assert_array_equal(found[JOBS[0].key][name], values)
-        assert all("computed anew" in note for note in listener.notes)
+        assert all("computed again" in note for note in listener.notes)
         told += len(listener.notes)
     assert told > 80
 

@@ -98,7 +98,7 @@ def test_results_of_another_source_are_computed_anew(tmp_path: Path, monkeypatch
         reproduce(toy, tmp_path, executor="inline", progress=listener)
         told.append(listener.told)
     assert told[0][0] == told[1][0] == (2, 0, 2.0) and told[2] == [(2, 2, 0)]
-    assert ['"0.1+a"}); computed anew' in note for note in told[1][1:3]] == [True, True]
+    assert ['"0.1+a"}); computed again' in note for note in told[1][1:3]] == [True, True]
 
 
 def test_a_table_says_which_source_made_it(tmp_path: Path) -> None:
