@@ -33,13 +33,14 @@ class Inputs(NamedTuple):
     start: object
     start_scale: object
     step_scale: object
+    seconds: float = 0.04
 
 
 def tables_of(rng) -> FactoredTables:
     steps = rng.dirichlet(np.ones(5), (2, 2, 5))
     steps[0, 1, 3] = 0.0
     rows = (rng.dirichlet(np.ones(2)), rng.dirichlet(np.ones(5), (2, 2)), rng.dirichlet(np.ones(2), 2))
-    tables = (*rows, rng.dirichlet(np.ones(5), (2, 2)), steps, 20 * rng.normal(size=(2, 3)))
+    tables = (*rows, rng.dirichlet(np.ones(5), (2, 2)), steps, 500 * rng.normal(size=(2, 3)))
     return FactoredTables(*(jnp.asarray(table, float) for table in tables), jnp.asarray(0.3))
 
 
@@ -61,7 +62,7 @@ def test_looked_up_densities_are_those_of_the_program():
         return jnp.concatenate([own.phases[:, None], own.bins, own.roots[:, 3:], own.roots[:, :3]], 1)
 
     pairs = jax.vmap(lambda x: jax.vmap(lambda y: model.log_transition(x, y, inputs))(flat(earlier)))(flat(later))
-    found = log_transition_matrix(log_tables(tables, 0.0), RootWalk(scales, tables.strides, tables.stays), later, earlier)
+    found = log_transition_matrix(log_tables(tables, 0.0), RootWalk(scales, tables.velocities * inputs.seconds, tables.stays), later, earlier)
     np.testing.assert_allclose(found, pairs, rtol=2e-5, atol=2e-4)
     without = RootWalk(scales, jnp.zeros((2, 3)), tables.stays)
     assert np.max(np.abs(log_transition_matrix(log_tables(tables, 0.0), without, later, earlier) - pairs)) > 0.1

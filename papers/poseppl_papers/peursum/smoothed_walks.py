@@ -155,7 +155,8 @@ def motion_of(problem: Problem, system: System) -> Motion:
     tables = diffusion_tables(jnp.asarray(np.delete(scales, places), float), NUM_BINS)
     if file is not None:
         tables = read_factored_tables(file)
-    walk = RootWalk(jnp.asarray(scales[places], float), tables.strides, jnp.asarray(tables.stays, float))
+    seconds = 0.0 if inputs.seconds is None else inputs.seconds
+    walk = RootWalk(jnp.asarray(scales[places], float), tables.velocities * seconds, jnp.asarray(tables.stays, float))
     return Motion(tables, log_tables(tables), walk, file is not None)
 
 
