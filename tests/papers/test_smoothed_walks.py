@@ -62,7 +62,9 @@ def test_looked_up_densities_are_those_of_the_program():
         return jnp.concatenate([own.phases[:, None], own.bins, own.roots[:, 3:], own.roots[:, :3]], 1)
 
     pairs = jax.vmap(lambda x: jax.vmap(lambda y: model.log_transition(x, y, inputs))(flat(earlier)))(flat(later))
-    found = log_transition_matrix(log_tables(tables, 0.0), RootWalk(scales, tables.velocities * inputs.seconds, tables.stays), later, earlier)
+    found = log_transition_matrix(
+        log_tables(tables, 0.0), RootWalk(scales, tables.velocities * inputs.seconds, tables.stays), later, earlier
+    )
     np.testing.assert_allclose(found, pairs, rtol=2e-5, atol=2e-4)
     without = RootWalk(scales, jnp.zeros((2, 3)), tables.stays)
     assert np.max(np.abs(log_transition_matrix(log_tables(tables, 0.0), without, later, earlier) - pairs)) > 0.1

@@ -82,6 +82,7 @@ EXPERIMENT = Experiment(
             "three filters and three smoothers on walks in circles and among furniture (Tables 1, 2 and 4, Fig. 12)",
             plan_walks,
             walk_table,
+            runs=lambda scale: int(scale.walk_runs),
             all_recordings=True,
         ),
         "runtimes": Part(
@@ -95,6 +96,8 @@ EXPERIMENT = Experiment(
             "the published body, animated by its own training walk, before one camera (section 7.2, Table 3)",
             plan_monocular,
             monocular_table,
+            runs=lambda scale: int(scale.walk_runs),
+            all_recordings=True,
         ),
         "dimensionality": Part(
             "whether smoothing pays in three dimensions (section 7.1)",

@@ -29,7 +29,7 @@ def walk_table(jobs: Jobs, results: Results) -> list[Table]:
         found = results[job.key]
         for index, run in enumerate(job.runs):
             told = float(found["ess_share"][index]), float(found["survivors"][index])
-            for number, name in enumerate(ALGORITHMS):
+            for number, name in enumerate(ALGORITHMS[: found["errors"].shape[1]]):
                 error = float(found["errors"][index, number, BURN_IN_FRAMES:].mean())
                 seconds = float(found["seconds"][index, number]) if index or name == FILTER else np.nan
                 rows.append((job.scene.name, job.num_frames, job.method.name, name, run, error, seconds, *told))

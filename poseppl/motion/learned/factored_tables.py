@@ -97,7 +97,9 @@ def read_factored_tables(path: FilePath) -> FactoredTables:
         if name not in data or data[name].dims != dims or not np.isfinite(data[name].values).all():
             raise InputError("missing, not finite, or of other dimensions", file=path, field=name, expected=" x ".join(dims))
         total = data[name].values.sum(-1) if dims else data[name].values
-        fine = name in ("velocities", "stays") or ((data[name].values >= 0).all() and np.all(_ones(total) | (_zeros(total, name))))
+        fine = name in ("velocities", "stays") or (
+            (data[name].values >= 0).all() and np.all(_ones(total) | (_zeros(total, name)))
+        )
         if not fine:
             raise InputError("no probabilities", file=path, field=name, expected="rows that sum to one")
     tables = (jnp.asarray(data[name].values, float) for name in FactoredTables._fields)
