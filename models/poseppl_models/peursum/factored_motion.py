@@ -13,11 +13,10 @@ The first frame has q_1 ~ phi and x_1^d ~ varphi[q_1]. Heading u and position v 
 
     u_t ~ N(u_(t-1), s_u^2),    v_t ~ w N(v_(t-1), S_v) + (1 - w) N(v_(t-1) + dt R(u_t) m_q, S_v),
 
-which is how Eqs. 7g and 7h are read here: a body stays where it is or goes where it faces, with the mean velocity m of the phase for
-the dt seconds since the last frame. The paper names the two weights of Eq. 7h, and gives neither their values nor the second law.
-
-Scales, velocities and dt make heading and position independent of the frame rate. Phases and rotations are not: a row of C or A
-is a step of one frame at the rate of the recording, as in the paper.
+which is how Eqs. 7g and 7h are read here: a body stays where it is, or goes where it faces, with the mean velocity m of the
+phase for the dt seconds since the last frame. The paper names the two weights of Eq. 7h, and gives neither their values nor the
+second law. So heading and position do not depend on the frame rate. Phases and rotations do: a row of C or A is a step of one
+frame at the rate of the recording, as in the paper.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ class Scene:
         width: Of the images, px.
         height: Of the images, px.
         radius: Of a circle on the floor that the walk is laid along, mm; positive turns left. As recorded if None.
-        announced: Whether trackers are given the pixels that the furniture hides, which then count neither for nor against a pose.
-            The pictures are the same.
+        announced: Whether trackers are given the pixels that the furniture hides, which then count neither for nor against a
+            pose. The pictures are the same.
     """
 
     recording: Recording

@@ -164,7 +164,7 @@ def motion_of(problem: Problem, system: System) -> Motion:
 
 
 def filter_track(problem: Problem, track: Track, judge: Judge = posture_error) -> dict[str, Any]:
-    """The filter's own estimate: errors (1, frame), seconds (1,), ``ess_share`` and ``survivors``, as :func:`smooth_walk` has them."""
+    """Errors (1, frame), seconds (1,), ``ess_share`` and ``survivors`` of the filter, as :func:`smooth_walk` has them."""
     weights, survivors = _weights(track), track.survivors() / track.log_weights.shape[1]
     return {
         "errors": _judged(problem, track.poses, weights, judge)[None],
