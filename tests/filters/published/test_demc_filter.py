@@ -104,7 +104,7 @@ def test_copies_are_parted_by_the_noise_of_the_transition():
     settings = {"num_layers": 1, "prediction": "velocity", "noise": 0.5, "noise_follows": "nothing"}
     for scale in ("particles", "transition"):
         step = jax.jit(demc_filter(posed.model, 200, noise_scale=scale, **settings).step)
-        moved = np.asarray(step(jax.random.key(0), state, *posed.at(1))[0].particles)
+        moved = np.asarray(step(jax.random.key(0), state, *posed.at(1))[0].particles)[::2]  # the half that moves first
         reach = 0.5 * np.sqrt(np.diag(posed.matrices.Q)) * (scale == "transition")
         assert (np.abs(moved).max(0) <= 1.2 * reach).all() and (np.abs(moved).max(0) >= 0.7 * reach).all()
 
