@@ -14,7 +14,7 @@ from poseppl_papers.experiment import verdict_of
 from poseppl_papers.tables import Table
 
 MATTERS = 0.1
-"""The smallest difference that matters, as a share of the error it is compared with. Peursum et al. call 168 and 185 mm similar."""
+"""The smallest difference that matters, as a share of the error it is compared with. Peursum calls 168 and 185 mm similar."""
 
 
 class Interval(NamedTuple):

@@ -6,8 +6,8 @@ from functools import partial
 
 from poseppl_papers.du_guan.claims import claims
 from poseppl_papers.du_guan.mueller import mueller_table
-from poseppl_papers.du_guan.plan import FULL, QUICK, plan_mueller, plan_scales, plan_sequences, plan_trackers
-from poseppl_papers.du_guan.tables import mueller, scales, sequences, trackers
+from poseppl_papers.du_guan.plan import FULL, QUICK, plan_mueller, plan_noise, plan_scales, plan_sequences, plan_trackers
+from poseppl_papers.du_guan.tables import mueller, noise, scales, sequences, trackers
 from poseppl_papers.experiment import Experiment, Part
 from poseppl_papers.images.figures import drawn_errors
 from poseppl_papers.images.tables import ERRORS_ARE, tracked
@@ -52,6 +52,12 @@ EXPERIMENT = Experiment(
             plan_scales,
             partial(tracked, "scales"),
         ),
+        "noise": Part(
+            "the noise of Eqs. 6 and 7 on walks that are not among the sequences",
+            plan_noise,
+            partial(tracked, "noise"),
+            all_recordings=True,
+        ),
         "mueller": Part(
             "who finds the basins of Mueller's surface (Fig. 2b)",
             plan_mueller,
@@ -65,6 +71,7 @@ EXPERIMENT = Experiment(
         "Filters on a walk": trackers,
         "Sequences": sequences,
         "Scales of the cues": scales,
+        "Noise": noise,
         "Mueller's surface": mueller,
     },
     pictures={"trackers.png": "Errors of the filters"},
