@@ -56,6 +56,7 @@ EXPERIMENT = Experiment(
             "the noise of Eqs. 6 and 7 on walks that are not among the sequences",
             plan_noise,
             partial(tracked, "noise"),
+            runs=lambda scale: int(scale.noise_runs),
             all_recordings=True,
         ),
         "mueller": Part(

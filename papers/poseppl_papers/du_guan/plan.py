@@ -51,6 +51,7 @@ class Scale(NamedTuple):
         factors: Of the scale of one cue after the other.
         noises: c of the part "noise".
         noise_frames: Of its walks.
+        noise_runs: Of each filter on each of its walks.
     """
 
     runs: int = 10
@@ -66,7 +67,8 @@ class Scale(NamedTuple):
     sequence_frames: int = 40
     factors: tuple[float, ...] = (1 / 3, 3.0)
     noises: tuple[float, ...] = (0.03, 0.1, 0.3)
-    noise_frames: int = 20
+    noise_frames: int = 15
+    noise_runs: int = 5
 
 
 FULL = Scale()
@@ -83,6 +85,7 @@ QUICK = Scale(
     factors=(3.0,),
     noises=(0.1,),
     noise_frames=5,
+    noise_runs=2,
 )
 
 
@@ -140,7 +143,7 @@ def plan_noise(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]
         for reading in READINGS
         for sigma in SIGMAS
     ]
-    return tracking_tasks(scenes, rivals, scale.noise_frames, scale.runs)
+    return tracking_tasks(scenes, rivals, scale.noise_frames, scale.noise_runs)
 
 
 def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:

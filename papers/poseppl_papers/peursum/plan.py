@@ -139,17 +139,23 @@ def learned(num_particles: int) -> Method:
 def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Table 1 on walks in circles and among furniture; the last recording is the one that the motion is learned from.
 
-    A single recording is its own. The furniture is not announced, as in the paper; where it is, the filters alone run.
+    A single recording is its own. The furniture is not announced, as in the paper. Where it is, filters run without smoothers, and
+    those of generic motions wherever there is furniture.
     """
     many, few = scale.particles
     generic = [plain(few), annealed(few // LAYERS), plain(many), annealed(few)]
     blocks = blocks_of(scale.walk_runs, 5)
     scenes = _walk_scenes(scale, recordings, scale.walks)
+    scenes += [replace(scene, announced=True) for scene in scenes if not scene.announced]
     jobs = _walk_jobs(scale, scenes, recordings[-1], generic, blocks, scale.walk_frames)
-    announced = [replace(scene, announced=True) for scene in scenes if not scene.announced]
-    known = _walk_jobs(scale, announced, recordings[-1], generic[:2], blocks, scale.walk_frames)
-    jobs += [replace(job, smoothed=False) for job in known]
-    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "walks": Task(smooth_walk, jobs)}
+    jobs = [job if _is_smoothed(job) else replace(job, smoothed=False) for job in jobs]
+    pictures = [Rendering(scene) for scene in scenes if not (scene.clutter and scene.announced)]
+    return {"scenes": Task(render, pictures), "walks": Task(smooth_walk, jobs)}
+
+
+def _is_smoothed(job: SmoothedWalk) -> bool:
+    """Whether smoothers follow: on circles, and after the learned motion among furniture that is not announced."""
+    return not job.scene.clutter or (job.training is not None and not job.scene.announced)
 
 
 def _walk_scenes(scale: Scale, recordings: Sequence[Recording], walks: tuple[int, int]) -> list[Scene]:

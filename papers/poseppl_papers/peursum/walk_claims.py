@@ -88,8 +88,9 @@ def _smoothing(tables: Tables, filter: str) -> Claim:
     """Whether no smoother lowers the error over all scenes by what matters."""
     found = _gains(tables, filter, tuple(_PAPERS))
     verdict = all_of(gain.below(BOUND) for gain in found.values())
+    kinds = " and ".join(kind for kind in _PAPERS if gains(tables, filter, SMOOTHERS[0], kind))
     what = f"Section 6.2: smoothing does not lower the error of {filter}"
-    return Claim(what, "most results are less accurate", _less(found), verdict, _WHY)
+    return Claim(what, "most results are less accurate", f"{_less(found)} ({kinds})", verdict, _WHY)
 
 
 def _lag(tables: Tables, filter: str) -> Claim:
