@@ -22,14 +22,15 @@ _DEPARTURES = """\
 poses closest to the truth: the paper does not tell its own.
 - Evaluations count the first population, too, so that particles are fewer than the paper's 1,750, 700 and 500.
 - Sequences are 1.3 s each: a walk, for the paper's first, a jump and a run. There is no hop: the recordings have none.
-- Resampling is systematic. The scales of colours and boundaries (0.3), which the paper does not give, are ours; the part \
-"scales" changes each by a factor of 3. A velocity that leads all particles beyond the joints' limits is not taken.
-- The noise of Eq. 6 is U(-c sigma, c sigma), times the survival diagnostic of Eq. 7. The paper calls c "a small number which can \
-be flexibly chosen", gives Eq. 7 without its constant, and contradicts it in its text ([errata](../errata.md)). Filters without a \
-remark have c = 0.1, Eq. 7 as printed over N, and as sigma the particles' standard deviations. The part "noise" compares twelve \
-settings on walks of two other people; "chosen noise" is the setting of the least absolute error there.
-- A sequence is followed if the error in place and the error relative to the pelvis are both at least a tenth lower than those of \
-a tracker that holds the first pose. Intervals are over runs on one recording, so that they say nothing of other recordings.
+- Resampling is systematic. The scales of colours and boundaries (0.3), which the paper does not give, are ours; the \
+part "scales" changes each by a factor of 3. A velocity that leads all particles beyond the joints' limits is not taken.
+- The noise of Eq. 6 is U(-c sigma, c sigma), times the survival diagnostic of Eq. 7. The paper calls c "a small number \
+which can be flexibly chosen", gives Eq. 7 without its constant, and contradicts it in its text. Filters without a \
+remark have c = 0.1, Eq. 7 as printed over N, and as sigma the particles' standard deviations. The part "noise" compares \
+twelve settings on walks of two other people; "chosen noise" is the setting of the least absolute error there.
+- A sequence is followed if the error in place and the error relative to the pelvis are both at least a tenth lower than \
+those of a tracker that holds the first pose. Intervals are over runs on one recording, so that they say nothing of \
+other recordings.
 - The temperature of Mueller's surface is ours; the paper does not tell it."""
 
 EXPERIMENT = Experiment(

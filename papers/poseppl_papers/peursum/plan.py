@@ -139,7 +139,7 @@ def learned(num_particles: int) -> Method:
 def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Table 1 on walks in circles and among furniture; the last recording is the one that the motion is learned from.
 
-    A single recording is its own. The furniture is not announced, as in the paper. Where it is, filters run without smoothers; those
+    A single recording is its own. The furniture is not announced, as in the paper. Where it is, filters run alone, and those
     of generic motions do so wherever there is furniture.
     """
     many, few = scale.particles
