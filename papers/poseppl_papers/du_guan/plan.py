@@ -67,7 +67,7 @@ class Scale(NamedTuple):
     sequence_frames: int = 40
     factors: tuple[float, ...] = (1 / 3, 3.0)
     noises: tuple[float, ...] = (0.03, 0.1, 0.3)
-    noise_frames: int = 15
+    noise_frames: int = 10
     noise_runs: int = 5
 
 
