@@ -34,7 +34,9 @@ class Interval(NamedTuple):
         return Interval(self.mean, max(self.low, least), min(self.high, most))
 
     def told(self, spec: str = ".0f", unit: str = "") -> str:
-        """As "3 mm (-2 to 8)"."""
+        """As "3 mm (-2 to 8)", or "3 mm" where nothing is known of its error."""
+        if not math.isfinite(self.high - self.low):
+            return f"{self.mean:{spec}}{unit}"
         return f"{self.mean:{spec}}{unit} ({self.low:{spec}} to {self.high:{spec}})"
 
     def above(self, limit: float) -> str:

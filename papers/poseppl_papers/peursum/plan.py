@@ -142,8 +142,8 @@ def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]
     A single recording is its own. The furniture is not announced, as in the paper. Where it is, filters run alone, and those
     of generic motions do so wherever there is furniture.
     """
-    many, few = scale.particles
-    generic = [plain(few), annealed(few // LAYERS), plain(many), annealed(few)]
+    few = scale.particles[1]
+    generic = [plain(few), annealed(few // LAYERS)]
     blocks = blocks_of(scale.walk_runs, 5)
     scenes = _walk_scenes(scale, recordings, scale.walks)
     scenes += [replace(scene, announced=True) for scene in scenes if not scene.announced]

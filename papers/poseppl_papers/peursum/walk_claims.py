@@ -59,7 +59,7 @@ def _errors(tables: Tables, kind: str) -> Claim:
 def _alike(tables: Tables, kind: str, plain: str, annealed: str) -> Claim:
     """Whether the annealed filter does about as well as the plain one."""
     own, other = (_filtered(tables, name, kind) for name in (annealed, plain))
-    less = mean_interval([100 * (1 - own[person] / other[person]) for person in own])
+    less = mean_interval([100 * (1 - own[person] / other[person]) for person in own if person in other])
     theirs = THEIRS[kind]
     published = 100 * (1 - theirs["Simple-APF"] / theirs["Simple-PF"])
     what = f"Section 6.1: the plain and the annealed filter perform similarly, {_PAPERS[kind]}"
@@ -70,7 +70,8 @@ def _alike(tables: Tables, kind: str, plain: str, annealed: str) -> Claim:
 def _guides(tables: Tables, learned: str, generic: str) -> Claim:
     """Whether furniture adds more to the errors of a generic motion than to those of the learned one."""
     more = {name: _added(tables, name) for name in (learned, generic)}
-    apart = mean_interval([more[generic][person] - more[learned][person] for person in more[learned]])
+    people = [person for person in more[learned] if person in more[generic]]
+    apart = mean_interval([more[generic][person] - more[learned][person] for person in people])
     told = ", ".join(f"{name} {mean_interval(list(own.values())).told()}" for name, own in more.items())
     published = {name: 100 * (THEIRS[FURNITURE][name] / THEIRS[CIRCLES][name] - 1) for name in THEIRS[CIRCLES]}
     theirs = f"% more: {', '.join(f'{_short(name)} {published[_short(name)]:.0f}' for name in (learned, generic))}"
