@@ -118,7 +118,7 @@ def _halved(table: Table, filter: str, generic: str) -> Claim:
     share, theirs = mean_interval(shares), [_published(name)[0] for name in (filter, generic)]
     limit = 100 * theirs[0] / theirs[1] + BOUND
     what = f"Table 3: from one camera the relative error of {filter} is half of that of {generic}"
-    ours = f"{_told(own)} mm against {_told(other)}; {share.told()} %, {len(shares)} walks"
+    ours = f"{_told(own)} mm against {_told(other)}; {share.told()} %, {len(shares)} walk{'s' if len(shares) != 1 else ''}"
     published = "" if generic.startswith(f"{GENERIC}, 10,000") else "; the paper's Simple-PF has 10,000 particles"
     why = (
         f"at most {limit:.0f} %, which is theirs and the {BOUND:.0f} % that do not matter; 95 % interval over people{published}"
