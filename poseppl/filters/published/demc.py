@@ -9,8 +9,8 @@ Section 2.3. With N particles of frame k - 1 and their weights w:
 
 The noise of layer t is multiplied by the survival diagnostic of the layer before, 1 / (N sum_i w_i^2) (Eq. 7, in which it grows
 with the diagnostic; the text below it says that it should shrink, which `noise_follows="degeneracy"` does: N sum_i w_i^2).
-sigma is "the standard deviations of the elements in X": of the particles, or, by `noise_scale="transition"`, of the steps of the
-model's transition, which do not shrink with the particles.
+sigma is "the standard deviations of the elements in X": of the particles, or, by `noise_scale="transition"`, of a step of the
+model's transition, which does not shrink with the particles.
 
 What it targets, by `target`:
 
