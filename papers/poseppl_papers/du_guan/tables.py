@@ -67,8 +67,12 @@ def noise(tables: Tables) -> str:
         rows.append(
             [*name.split(", "), *(cell for pair in zip(means, told, strict=True) for cell in pair), str(own[0]["runs"])]
         )
-    columns = ("c", "noise grows with", "sigma of", "error", "of each walk", "relative", "of each walk", "runs of each")
-    return markdown(columns, rows)
+    if not rows:
+        return ""
+    held = rows_of(tables, "noise", method=HOLDING)
+    columns = ("c", "noise by the", "sigma of the", "error", "of each walk", "relative", "of each walk", "runs of each")
+    blind = " and ".join(", ".join(f"{row[column]:.0f}" for row in held) for column in ("absolute", "relative"))
+    return f"{markdown(columns, rows)}\n\nA tracker that holds the first pose has errors of {blind} mm."
 
 
 def mueller(tables: Tables) -> str:
