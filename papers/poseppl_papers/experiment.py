@@ -136,6 +136,17 @@ def verdict_of(holds: bool, fails: bool | None = None) -> str:
     return HOLDS if holds else FAILS if fails is None or fails else UNDECIDED
 
 
+def all_of(verdicts: Iterable[str]) -> str:
+    """The verdict on a claim that has several parts: it holds if all do, and fails if one fails."""
+    found = list(verdicts)
+    return verdict_of(all(each == HOLDS for each in found), FAILS in found)
+
+
+def on_one_recording(verdict: str) -> str:
+    """A verdict whose interval is over the runs on a single recording, which says nothing of others."""
+    return f"{verdict} on one recording"
+
+
 def claims_by_table(claims: Mapping[str, Sequence[Decide]]) -> Callable[[Tables], list[Claim]]:
     """Claims by the table that decides them; those whose table is not at hand are left out."""
 

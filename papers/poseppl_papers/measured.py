@@ -13,6 +13,9 @@ from poseppl.arrays import Floats
 from poseppl_papers.experiment import verdict_of
 from poseppl_papers.tables import Table
 
+MATTERS = 0.1
+"""The smallest difference that matters, as a share of the error it is compared with. Peursum calls 168 and 185 mm similar."""
+
 
 class Interval(NamedTuple):
     """A mean and the interval that it is told with; NaN where nothing is known of it, which decides nothing."""
@@ -31,7 +34,9 @@ class Interval(NamedTuple):
         return Interval(self.mean, max(self.low, least), min(self.high, most))
 
     def told(self, spec: str = ".0f", unit: str = "") -> str:
-        """As "3 mm (-2 to 8)"."""
+        """As "3 mm (-2 to 8)", or "3 mm" where nothing is known of its error."""
+        if not math.isfinite(self.high - self.low):
+            return f"{self.mean:{spec}}{unit}"
         return f"{self.mean:{spec}}{unit} ({self.low:{spec}} to {self.high:{spec}})"
 
     def above(self, limit: float) -> str:
@@ -45,6 +50,17 @@ class Interval(NamedTuple):
     def within(self, least: float, most: float) -> str:
         """Verdict on the claim that the mean is between two values."""
         return verdict_of(self.low >= least and self.high <= most, self.high < least or self.low > most)
+
+    def agrees(self, published: float, bound: float) -> str:
+        """Verdict on the claim that a difference is what a published one is: more than a bound to one side, or less than it.
+
+        Args:
+            published: The published difference.
+            bound: The smallest difference that matters, chosen before the runs: two differences within it are alike.
+        """
+        if abs(published) <= bound:
+            return self.within(-bound, bound)
+        return self.above(bound) if published > 0 else self.below(-bound)
 
 
 class Measured(NamedTuple):

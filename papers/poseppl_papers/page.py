@@ -11,7 +11,7 @@ from poseppl_papers.experiment import Experiment, Section, Tables
 from poseppl_papers.provenance import Kept, read_folder
 from poseppl_papers.tables import markdown
 
-PAGE = "page.md"
+PAGE, ERRATA = "page.md", "errata.md"
 CLAIM_COLUMNS = ("claim", "theirs", "ours", "verdict", "why")
 
 
@@ -35,6 +35,7 @@ def page_of(experiment: Experiment, folder: Path) -> str:
     kept = read_folder(folder)
     tables = {name: each.table for name, each in kept.items()}
     parts = [f"# {experiment.title}", experiment.setting, "Where this departs from the paper:", experiment.departures]
+    parts += _errata(experiment, folder)
     sections: Mapping[str, Section] = {"Claims": partial(claims_of, experiment), **experiment.sections}
     for title, section in sections.items():
         text = section(tables)
@@ -46,6 +47,13 @@ def page_of(experiment: Experiment, folder: Path) -> str:
         if name in kept:
             parts += _shown(name, kept[name])
     return "\n\n".join([*parts, *_runs(kept)]) + "\n"
+
+
+def _errata(experiment: Experiment, folder: Path) -> list[str]:
+    """A link to the list of errata, where the folder is beside one that has this paper."""
+    path = folder.parent / ERRATA
+    listed = path.exists() and f"({experiment.name}/{PAGE})" in path.read_text(encoding="utf-8")
+    return [f"Statements of the paper that are wrong or contradict each other: [errata](../{ERRATA})."] if listed else []
 
 
 def claims_of(experiment: Experiment, tables: Tables) -> str:

@@ -151,6 +151,7 @@ def demc_update(
     settings: DEMCSettings,
     *,
     noise_factor: Array | float = 1.0,
+    noise_scale: Array | None = None,
     min_noise: Array | float = 0.0,
 ) -> tuple[Members, Array]:
     """Move every member once, each half by the differences of the other.
@@ -161,6 +162,7 @@ def demc_update(
         log_density: Log-density of one position.
         settings: c, lambda and so on.
         noise_factor: Multiplies the noise.
+        noise_scale: sigma (d,) in place of the pool's standard deviations.
         min_noise: The noise's half-width is at least this, a scalar or (d,).
 
     Returns:
@@ -170,7 +172,8 @@ def demc_update(
     keys = jax.random.split(rng_key)
 
     def move(rng_key: Array, some: Members, pool: Array) -> tuple[Members, Array]:
-        noise = jnp.maximum(noise_factor * settings.noise * jnp.std(pool, 0), min_noise)
+        sigma = jnp.std(pool, 0) if noise_scale is None else noise_scale
+        noise = jnp.maximum(noise_factor * settings.noise * sigma, min_noise)
         return move_members(rng_key, some, pool, pool.shape[0], log_density, settings, noise)
 
     if number == 1:

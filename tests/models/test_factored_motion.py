@@ -29,6 +29,7 @@ class Inputs(NamedTuple):
     start: object = None
     start_scale: object = None
     step_scale: object = None
+    seconds: float = 0.04
 
 
 def tiny(seed: int = 0) -> FactoredTables:
@@ -137,7 +138,7 @@ def test_a_rotation_that_ends_enters_anew():
 
 def test_a_body_goes_where_it_faces_or_stays():
     coordinates = [("root", "tx"), ("root", "ty"), ("root", "tz"), ("root", "Z"), ("knee", "X"), ("hip", "X")]
-    tables = tiny()._replace(strides=jnp.asarray([[30.0, 0.0, 0.0], [30.0, 0.0, 0.0]]))
+    tables = tiny()._replace(velocities=jnp.asarray([[750.0, 0.0, 0.0], [750.0, 0.0, 0.0]]))
     inputs = Inputs(
         activity=tables, start=jnp.zeros(6), start_scale=jnp.full(6, 1e-3), step_scale=jnp.asarray([1.0, 1.0, 1.0, 1e-3, 0, 0])
     )
@@ -152,6 +153,19 @@ def test_a_body_goes_where_it_faces_or_stays():
     np.testing.assert_allclose(gone[~moved].mean(0), 0.0, atol=5 / np.sqrt(2000))
     pose = pose_of_bins(coordinates)({"bins": jnp.array([1, 2]), "heading": before[3], "position": before[4:]}, tables)
     np.testing.assert_allclose(pose, [100.0, 200.0, 300.0, np.pi / 2, *bin_angles(np.array([1, 2]), BINS)], rtol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [25.0, 50.0, 60.0])
+def test_a_body_walks_as_fast_at_every_frame_rate(rate):
+    """The density of a step of 30 mm ahead, in closed form: one of two ways is the mean velocity times the frame's seconds."""
+    coordinates = [("root", "tx"), ("root", "ty"), ("root", "tz"), ("root", "Z"), ("knee", "X"), ("hip", "X")]
+    tables = tiny()._replace(velocities=jnp.asarray([[750.0, 0.0, 0.0], [750.0, 0.0, 0.0]]), stays=0.3)
+    inputs = Inputs(activity=tables, start=jnp.zeros(6), start_scale=jnp.ones(6), step_scale=jnp.full(6, 9.0), seconds=1 / rate)
+    model = factored_motion(coordinates, lambda params, pose, inputs: numpyro.factor("seen", 0.0)).compile(inputs, {})
+    still, gone = (jnp.array([0.0, 1.0, 2.0, 0.0, 0.0, 900.0 * ahead, 0.0]) for ahead in (0.0, 30.0 / 900.0))
+    found = float(model.log_transition(gone, still, inputs) - model.log_transition(still, still, inputs))
+    density = [0.3 * np.exp(-0.5 * (y / 9) ** 2) + 0.7 * np.exp(-0.5 * ((y - 750.0 / rate) / 9) ** 2) for y in (30.0, 0.0)]
+    np.testing.assert_allclose(found, np.log(density[0] / density[1]), rtol=1e-4)
 
 
 def test_directions():

@@ -67,6 +67,11 @@ class Mutant(NamedTuple):
     reason: str = ""
 
 
+def import_paths(folder: Path) -> list[str]:
+    """Where the packages of a copy of the repository are imported from."""
+    return list(dict.fromkeys(str((folder / source).parent) for source in _SOURCES.values()))
+
+
 def read_mutants(names: Sequence[str] = ()) -> list[Mutant]:
     """All mutants by name, or those named.
 

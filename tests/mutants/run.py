@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from mutant import ROOT, Mutant, apply, copy_tree, read_mutants
+from mutant import ROOT, Mutant, apply, copy_tree, import_paths, read_mutants
 
 TIME_LIMIT = 600.0
 NOTICED, MISSED, EXCUSED, BROKEN = "noticed", "MISSED", "excused", "BROKEN"
@@ -111,7 +111,7 @@ def run_tests(folder: Path, tests: Sequence[str], tier: str) -> tuple[int, str]:
 
 
 def _run_pytest(folder: Path, arguments: Sequence[str]) -> tuple[int, str]:
-    paths = [str(folder), str(folder / "models"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [*import_paths(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     data = os.environ.get("POSEPPL_DATA", str(ROOT.parent / "shared" / "data"))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "POSEPPL_DATA": data}
     command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "--tb=line", *arguments]

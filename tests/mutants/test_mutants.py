@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from mutant import ROOT, Mutant, mutated, read_mutants
+from mutant import ROOT, Mutant, import_paths, mutated, read_mutants
 
 MUTANTS = read_mutants()
 SOURCE = "def gain(a, b):\n    return (a\n        + b) / b\n\n\nclass Filter:\n    def gain(self):\n        return 1\n"
@@ -30,6 +30,12 @@ def folder(tmp_path: Path) -> Path:
 
 def gain(function: str, replace: str, module: str = "poseppl.filters.kalman") -> Mutant:
     return Mutant("gain", "wrong", module, function, replace, "a - b")
+
+
+def test_every_mutated_package_is_imported_from_the_copy() -> None:
+    """Else the tests would see the unchanged package, and notice nothing."""
+    packages = {mutant.module.partition(".")[0] for mutant in MUTANTS}
+    assert all(any((Path(path) / package).is_dir() for path in import_paths(ROOT)) for package in packages)
 
 
 def test_there_are_enough_in_every_package() -> None:

@@ -102,3 +102,16 @@ def test_one_camera_is_judged_by_the_weighted_relative_error(tight, verdict):
     sits, recovers, place = darby.claims({"guided_one_camera": Table("", columns, rows)})
     assert sits.verdict == "holds" and "201 mm more" in sits.ours
     assert recovers.verdict == verdict and place.verdict.startswith("measured")
+
+
+def test_one_camera_is_judged_against_more_particles():
+    columns = ("system", "scene", "method", "evaluations", "runs", "absolute", "weighted_relative", "optimistic")
+    rows = [
+        (f"guided, known, gamma = {gamma}", f"w{at}", "x", 200, 10, 200.0, 95.0, 40.0 + at)
+        for at in range(3)
+        for gamma in (0, 5)
+    ]
+    rows += [("standard, one camera", f"w{at}", "APF, 5 x 200", 1000, 10, 300.0, 100.0, 100.0) for at in range(3)]
+    place, posture, *_ = darby.claims({"guided_one_camera": Table("", columns, rows)})
+    assert place.verdict == "holds" and "59 % less" in place.ours
+    assert posture.verdict == "does not hold"  # 5 % less do not matter

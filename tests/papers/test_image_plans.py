@@ -17,7 +17,10 @@ from poseppl_papers.peursum.tables import exponent_table
 from poseppl_papers.recordings import BUILT_IN, Recording
 
 WALK = Recording("walk", "/there/walk.amc", "/there/walk.asf", "0123")
-PEOPLE = [WALK, *(Recording(name, f"/there/{name}.amc", f"/there/{name[0]}.asf", name) for name in ("a1", "a2", "a3", "b1"))]
+PEOPLE = [
+    WALK,
+    *(Recording(name, f"/there/{name}.amc", f"/there/{name[0]}.asf", name) for name in ("a1", "a2", "a3", "b1", "b2")),
+]
 SCENE = Scene(WALK, clutter=False)
 SYSTEM = System("peursum", "package.module:builder", 4)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import jax.numpy as jnp
@@ -98,31 +99,36 @@ def test_the_plans_are_the_papers():
     assert sharper == {"Simple-PF": 40.0, "FSHHMM-PF": 32.0, "FSHHMM-PF of 25 Hz": 32.0}
     assert all(job.system.views == 1 and job.scene.rate == 25.0 for job in jobs)
     assert all(job.training in (None, job.scene.recording) for job in jobs) and len({job.key for job in jobs}) == len(jobs)
+    assert [job.scene.recording.name for job in jobs] == ["a"] * 8 + ["b"] * 8 and {job.runs for job in jobs} == {(0, 1)}
     timed = plan_runtimes(FULL, recordings)["runtimes"].jobs
     assert {job.method.name for job in timed} == {*NAMES, "Simple-APF, 10 x 1,000"} and len(timed) == 6
 
 
 def table(gain: float, learned: float = 50.0) -> Table:
-    """Ten runs of both filters, whose smoothers take some mm away."""
+    """Two runs of both filters on six walks, whose smoothers take some mm away."""
     rng, rows = np.random.default_rng(1), []
     for name, error in zip(NAMES, (110.0, learned), strict=True):
-        for run in range(10):
+        for scene, run in itertools.product("abcdef", range(2)):
             for smoother in ALGORITHMS:
                 own = error - (smoother != "filter") * gain + rng.normal()
-                rows.append(("a-animated", 60, name, smoother, run, own, 2 * own, 0.1))
+                rows.append((f"{scene}-animated", 60, name, smoother, run, own, 2 * own, 0.1))
     return Table("monocular", COLUMNS, rows, "")
 
 
-@pytest.mark.parametrize(("gain", "generic", "learned"), [(10.0, "000", "100"), (-10.0, "111", "011"), (0.0, "???", "???")])
-def test_smoothers_are_judged_by_the_sign_of_what_they_take_away(gain, generic, learned):
+@pytest.mark.parametrize(
+    ("gain", "generic", "learned"),
+    [(20.0, "000", "100"), (-20.0, "000", "000"), (0.0, "111", "011"), (-2.0, "111", "011"), (11.0, "???", "100")],
+)
+def test_smoothers_are_judged_by_what_matters(gain, generic, learned):
+    """Of the six published gains only that of FBS after the learned motion, 12 %, is more than the tenth that matters."""
     words = {"holds": "1", "does not hold": "0", "undecided": "?"}
     found = {claim.what: claim.verdict for claim in monocular_claims({"monocular": table(gain)})}
     for name, expected in zip(NAMES, (generic, learned), strict=True):
-        verdict = next(each for what, each in found.items() if what.startswith("Table 3: which") and name in what)
+        verdict = next(each for what, each in found.items() if what.startswith("Table 3: what") and name in what)
         assert "".join(words[part.split(" ", 1)[1]] for part in verdict.split("; ")) == expected
 
 
-@pytest.mark.parametrize(("error", "expected"), [(40.0, "holds"), (70.0, "does not hold"), (55.0, "undecided")])
+@pytest.mark.parametrize(("error", "expected"), [(40.0, "holds"), (80.0, "does not hold"), (64.6, "undecided")])
 def test_the_learned_motion_halves_the_error(error, expected):
     *_, last = monocular_claims({"monocular": table(0.0, error)})
     assert last.verdict == expected
@@ -159,3 +165,9 @@ def test_seconds_leave_the_run_that_compiles_out():
     assert "| circle | Simple-PF, 10,000 | 2 (240) | 1 (138) | 0.5 (30) | 0.25 (40) | 4 (200) |" in runtimes({"runtimes": made})
     (claim,) = runtime_claims({"runtimes": made})
     assert claim.ours == "Simple-PF, 10,000 50, 38, 225" and claim.theirs == "Simple-PF, 10,000 58, 29, 96"
+
+
+def test_runs_on_one_walk_decide_nothing():
+    one = [(*row[:4], run, *row[5:]) for row in table(20.0).rows if row[0].startswith("a-") for run in range(9)]
+    found = monocular_claims({"monocular": Table("monocular", COLUMNS, one, "")})
+    assert {part.split(" ")[-1] for claim in found for part in claim.verdict.split("; ")} == {"undecided"}

@@ -31,6 +31,12 @@ def test_the_committed_folder_decides_every_claim():
     assert kept["variances"].made.runs == "50" and kept["contest"].made.runs == "20" and kept["tuning"].made.runs == "10"
 
 
+def test_pages_of_papers_lead_to_the_errata(tmp_path):
+    assert "[errata](../errata.md)" in page_of(EXPERIMENT, FOLDER)
+    write_folder(tmp_path, {})
+    assert "errata" not in page_of(EXPERIMENT, tmp_path)  # a link that would lead nowhere
+
+
 def test_settings_that_were_not_timed_alone_are_not_told():
     """A smaller size than the paper's has fewer settings."""
     tables = {name: kept.table for name, kept in read_folder(FOLDER).items()}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from poseppl_papers.images.scenes import Scene, _subject, see
+from poseppl_papers.images import scenes
+from poseppl_papers.images.scenes import Scene, SeenScene, _subject, see
 from poseppl_papers.images.systems import System
 from poseppl_papers.images.tracking import Blind, Tracking
 from poseppl_papers.peursum.plan import annealed
@@ -36,23 +38,38 @@ def test_scenes_as_recorded_are_found_where_they_were():
     assert tracking.key == "peursum-walk-clean-Simple-APF-10-x-20-0-c3cad0cc64442457"
     circle = replace(scene, radius=1200.0)
     assert circle.folder != scene.folder and circle.name != scene.name
+    (silent,) = clutter_scenes([WALK], 1)
+    known = replace(silent, announced=True)
+    assert silent.folder == known.folder and silent.name == f"{known.name}-unannounced"
     assert Blind(circle, SYSTEM, 5).key != Blind(scene, SYSTEM, 5).key
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_unannounced_furniture_is_not_left_out(announced, monkeypatch):
+    """Trackers are given the pixels that it hides, or none."""
+    given, mask = [], np.ones((2, 3), np.uint8)
+    video = SimpleNamespace(camera="a", images=lambda: iter([mask]))
+    sources = SimpleNamespace(videos=[video], plates={"a": video}, occlusion={"a": mask})
+    monkeypatch.setattr(scenes, "video_features", lambda *args, ignore, **rest: given.append(ignore) or iter(["features"]))
+    seen = SeenScene(25.0, None, np.zeros((1, 15, 3)), sources, announced)
+    assert [sight.features for sight in seen.sights(1)] == [("features",)]
+    assert given[0] is (mask if announced else None)
 
 
 @pytest.mark.full
 def test_the_papers_scenes():
     recordings = [replace(WALK, name=name, digest=name) for name in "abcd"]
-    circles, cluttered = circle_scenes(recordings), clutter_scenes(recordings, num_frames=50)
+    circles, cluttered = circle_scenes(recordings, 4), clutter_scenes(recordings, 3, num_frames=50)
     assert [scene.recording.name for scene in circles] == list("abcd")
     assert [scene.recording.name for scene in cluttered] == list("abc")
     assert {(s.clutter, s.rate, s.width, s.height, s.radius, s.num_frames) for s in circles} == {
         (False, 60.0, 640, 480, 1200.0, 150)
     }
-    assert {(s.clutter, s.rate, s.width, s.height, s.radius, s.num_frames) for s in cluttered} == {
-        (True, 25.0, 384, 288, None, 50)
+    assert {(s.clutter, s.rate, s.width, s.height, s.radius, s.num_frames, s.announced) for s in cluttered} == {
+        (True, 25.0, 384, 288, None, 50, False)
     }
     with pytest.raises(InputError, match="4 walks"):
-        circle_scenes(recordings[:3])
+        circle_scenes(recordings[:3], 4)
 
 
 @pytest.mark.full

@@ -12,11 +12,31 @@ from poseppl_papers.choo_fleet.sequence_tables import performance
 from poseppl_papers.choo_fleet.single_frame import FrameRuns
 from poseppl_papers.choo_fleet.timing import FrameTiming
 from poseppl_papers.choo_fleet.variances import frame_errors
+from poseppl_papers.measured import Interval
 from poseppl_papers.recordings import BUILT_IN
 
 from poseppl.runs.results import QUANTILES
 
 RUNS = (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("published", "low", "high", "verdict"),
+    [
+        (20.0, 11.0, 30.0, "holds"),
+        (20.0, 2.0, 8.0, "does not hold"),  # of the same sign, and does not matter
+        (20.0, 5.0, 15.0, "undecided"),
+        (1.0, -8.0, 3.0, "holds"),  # of the other sign: neither matters
+        (1.0, -40.0, -11.0, "does not hold"),
+        (1.0, -12.0, -8.0, "undecided"),
+        (-20.0, -30.0, -11.0, "holds"),
+        (-20.0, 11.0, 30.0, "does not hold"),
+        (20.0, -np.inf, np.inf, "undecided"),
+        (20.0, np.nan, np.nan, "undecided"),
+    ],
+)
+def test_differences_agree_that_matter_alike(published, low, high, verdict):
+    assert Interval((low + high) / 2, low, high).agrees(published, 10.0) == verdict
 
 
 def test_coverages_of_two_levels_are_two_numbers():

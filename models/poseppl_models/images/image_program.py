@@ -74,6 +74,7 @@ class ImageInputs(NamedTuple):
         activity: What a learned motion takes the random walk's place with; None of a walk.
         limits: Least and largest coordinates (d, 2), where they were learned.
         features: Those of the start (eta,), likewise.
+        seconds: Between the frame before and this one (); None where no motion has velocities.
     """
 
     cameras: Cameras
@@ -85,6 +86,7 @@ class ImageInputs(NamedTuple):
     activity: Any = None
     limits: Any = None
     features: Any = None
+    seconds: Any = None
 
 
 def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, Constraint] | None = None) -> StateSpaceModel:

@@ -11,10 +11,12 @@ phase begins: here it is the phase that moves the rotation. The flag follows fro
 
 The first frame has q_1 ~ phi and x_1^d ~ varphi[q_1]. Heading u and position v are continuous:
 
-    u_t ~ N(u_(t-1), s_u^2),    v_t ~ w N(v_(t-1), S_v) + (1 - w) N(v_(t-1) + R(u_t) m_q, S_v),
+    u_t ~ N(u_(t-1), s_u^2),    v_t ~ w N(v_(t-1), S_v) + (1 - w) N(v_(t-1) + dt R(u_t) m_q, S_v),
 
-which is how Eqs. 7g and 7h are read here: a body stays where it is or goes where it faces, by the mean step m of the phase. The
-paper names the two weights of Eq. 7h, and tells neither their values nor the second law.
+which is how Eqs. 7g and 7h are read here: a body stays where it is, or goes where it faces, with the mean velocity m of the
+phase for the dt seconds since the last frame. The paper names the two weights of Eq. 7h, and gives neither their values nor the
+second law. So heading and position do not depend on the frame rate. Phases and rotations do: a row of C or A is a step of one
+frame at the rate of the recording, as in the paper.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
         coordinates: Joint and axis of each of the body's d coordinates; the root's position and turn about the vertical are
             continuous, the other D are in bins.
         observe: What is observed of a pose (d,). Inputs have ``activity`` (:class:`FactoredTables`), and ``start``,
-            ``start_scale`` and ``step_scale`` (d,), mm and radians, of which position and heading are used.
+            ``start_scale`` and ``step_scale`` (d,), mm and radians, of which position and heading are used, and ``seconds`` ().
     """
     places = np.array(root_places(coordinates))
     pose_of = pose_of_bins(coordinates)
@@ -56,7 +58,7 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
         phase = next_frame(motion, state)
         scale = inputs.step_scale[places]
         heading = numpyro.sample("heading", dist.Normal(state["heading"], scale[3]))
-        means = state["position"] + jnp.stack([jnp.zeros(3), turned(motion.strides[phase], heading)])
+        means = state["position"] + jnp.stack([jnp.zeros(3), turned(motion.velocities[phase] * inputs.seconds, heading)])
         ways = dist.Categorical(probs=jnp.stack([motion.stays, 1 - motion.stays]))
         numpyro.sample("position", dist.MixtureSameFamily(ways, dist.Normal(means, scale[:3]).to_event(1)))
 

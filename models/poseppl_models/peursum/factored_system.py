@@ -66,7 +66,8 @@ def peursum_factored_system(
     seen = two_way_inputs(person, views, start, published_scale(body, person.rate))
 
     def inputs_of(sight: Sight) -> ImageInputs:
-        return seen(sight)._replace(start_scale=jnp.asarray(start_scale, float), activity=motion)
+        scale, seconds = jnp.asarray(start_scale, float), jnp.asarray(1 / person.rate, float)
+        return seen(sight)._replace(start_scale=scale, activity=motion, seconds=seconds)
 
     program = factored_motion(body.tree.coordinates, observe)
     poses = jit(jax.vmap(pose_of_flat(body), (0, None)))

@@ -17,6 +17,16 @@ SYSTEM = System("du-guan", "poseppl_models.images.image_systems:du_guan_system",
 EVALUATIONS = 5_000, 3_500
 """Of CONDENSATION and the annealed filter, and of DE-MC, a frame."""
 PREDICTIONS = ("velocity", "transition")
+READINGS = {"equation": "survival", "text": "degeneracy"}
+"""What the noise grows with: the survival diagnostic, as Eq. 7 has it, or its inverse, as the text below Eq. 7 has it."""
+SIGMAS = {"particles": "particles", "walk": "transition"}
+"""Whose standard deviations sigma is."""
+SHIPPED = 0.1, "equation", "particles"
+"""c, the reading of Eq. 7 and sigma of `demc_filter`."""
+CHOSEN = 0.3, "equation", "walk"
+"""Those of the least absolute error on the part "noise", whose walks are not among the sequences; no larger c was tried."""
+TUNED = ", chosen noise"
+"""In the names of filters with :data:`CHOSEN`."""
 SEQUENCES = ((7, 500), (9, 600))
 """Layers and particles of a layer, of the first sequence and of the others."""
 CUES = {"overlap_scale": 1.0, "colour_scale": 0.3, "boundary_scale": 0.3}
@@ -39,6 +49,9 @@ class Scale(NamedTuple):
         temperatures: Of the surface.
         sequence_frames: Of each sequence.
         factors: Of the scale of one cue after the other.
+        noises: c of the part "noise".
+        noise_frames: Of its walks.
+        noise_runs: Of each filter on each of its walks.
     """
 
     runs: int = 10
@@ -53,6 +66,9 @@ class Scale(NamedTuple):
     temperatures: tuple[float, ...] = (5.0, 15.0, 50.0)
     sequence_frames: int = 40
     factors: tuple[float, ...] = (1 / 3, 3.0)
+    noises: tuple[float, ...] = (0.03, 0.1, 0.3)
+    noise_frames: int = 10
+    noise_runs: int = 5
 
 
 FULL = Scale()
@@ -67,6 +83,9 @@ QUICK = Scale(
     surface_runs=4,
     sequence_frames=5,
     factors=(3.0,),
+    noises=(0.1,),
+    noise_frames=5,
+    noise_runs=2,
 )
 
 
@@ -82,7 +101,7 @@ def methods(scale: Scale) -> list[Method]:
         for layers in scale.layers:
             count = shorter // (layers + 1)
             found.append(layered(layers, count, prediction))
-    return found
+    return found + [chosen(layered(layers, shorter // (layers + 1), PREDICTIONS[0])) for layers in scale.layers]
 
 
 def _scene(scale: Scale, recording: Recording, num_frames: int) -> Scene:
@@ -102,6 +121,31 @@ def layered(layers: int, members: int, prediction: str) -> Method:
     return Method(f"DE-MC ({prediction}), {layers} layers of {members:,}", "demc", settings)
 
 
+def noisy(method: Method, noise: float, reading: str, sigma: str, name: str) -> Method:
+    """DE-MC with another c, reading of Eq. 7 and sigma."""
+    settings = (("noise", noise), ("noise_follows", READINGS[reading]), ("noise_scale", SIGMAS[sigma]))
+    return Method(name, method.filter, (*method.settings, *settings))
+
+
+def chosen(method: Method) -> Method:
+    """DE-MC with the noise that was chosen on other walks."""
+    return noisy(method, *CHOSEN, method.name + TUNED)
+
+
+def plan_noise(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Sequence 1's filter on other walks, over c, both readings of Eq. 7 and both sigmas; all recordings."""
+    scenes = [_scene(scale, recording, scale.noise_frames) for recording in recordings]
+    layers, members = SEQUENCES[0]
+    method = layered(layers, round(scale.share * members), PREDICTIONS[0])
+    rivals = [
+        (SYSTEM, noisy(method, noise, reading, sigma, f"{noise:g}, {reading}, {sigma}"))
+        for noise in scale.noises
+        for reading in READINGS
+        for sigma in SIGMAS
+    ]
+    return tracking_tasks(scenes, rivals, scale.noise_frames, scale.noise_runs)
+
+
 def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Fig. 3: the first recording is sequence 1, tracked by 7 layers of 500, the others are tracked by 9 layers of 600."""
     tasks: dict[str, Task] = {}
@@ -109,7 +153,8 @@ def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
         scene = _scene(scale, recording, scale.sequence_frames)
         layers, members = SEQUENCES[min(number, 1)]
         method = layered(layers, round(scale.share * members), PREDICTIONS[0])
-        own = tracking_tasks([scene], [(SYSTEM, method)], scale.sequence_frames, scale.runs, weighs=True)
+        rivals = [(SYSTEM, method), (SYSTEM, chosen(method))]
+        own = tracking_tasks([scene], rivals, scale.sequence_frames, scale.runs, weighs=True)
         tasks = {name: Task(task.function, [*(tasks[name].jobs if tasks else ()), *task.jobs]) for name, task in own.items()}
     return tasks
 

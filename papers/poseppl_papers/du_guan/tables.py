@@ -11,7 +11,7 @@ from poseppl_papers.experiment import Tables
 from poseppl_papers.images.tables import filter_rows, told_errors
 from poseppl_papers.images.tracking import HOLDING
 from poseppl_papers.measured import measured
-from poseppl_papers.tables import markdown, rows_of
+from poseppl_papers.tables import grouped, markdown, rows_of
 
 
 def trackers(tables: Tables) -> str:
@@ -54,6 +54,25 @@ def scales(tables: Tables) -> str:
         for row in filter_rows(tables, "scales")
     ]
     return markdown(("scales", "error", "relative", "best particle", "runs"), rows)
+
+
+def noise(tables: Tables) -> str:
+    """Errors over c, readings of Eq. 7 and sigmas, on walks that are not among the sequences."""
+    groups = grouped(filter_rows(tables, "noise"), lambda row: row["method"])
+    rows = []
+    for name, own in groups.items():
+        errors = [[measured(row, column) for row in own] for column in ("absolute", "relative")]
+        told = [", ".join(each.told() for each in column) for column in errors]
+        means = [f"{sum(each.mean for each in column) / len(column):.0f}" for column in errors]
+        rows.append(
+            [*name.split(", "), *(cell for pair in zip(means, told, strict=True) for cell in pair), str(own[0]["runs"])]
+        )
+    if not rows:
+        return ""
+    held = rows_of(tables, "noise", method=HOLDING)
+    columns = ("c", "noise by the", "sigma of the", "error", "of each walk", "relative", "of each walk", "runs of each")
+    blind = " and ".join(", ".join(f"{row[column]:.0f}" for row in held) for column in ("absolute", "relative"))
+    return f"{markdown(columns, rows)}\n\nA tracker that holds the first pose has errors of {blind} mm."
 
 
 def mueller(tables: Tables) -> str:

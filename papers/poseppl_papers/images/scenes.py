@@ -6,7 +6,7 @@ A scene is rendered once on each machine, into the user's cache folder, under a 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,6 +51,8 @@ class Scene:
         width: Of the images, px.
         height: Of the images, px.
         radius: Of a circle on the floor that the walk is laid along, mm; positive turns left. As recorded if None.
+        announced: Whether trackers are given the pixels that the furniture hides, which then count neither for nor against a
+            pose. The pictures are the same.
     """
 
     recording: Recording
@@ -60,17 +62,19 @@ class Scene:
     width: int = 640
     height: int = 480
     radius: float | None = later_field(None)
+    announced: bool = later_field(True)
 
     @property
     def name(self) -> str:
         """What it is called in tables."""
         circle = "" if self.radius is None else f"-circle{self.radius:g}"
-        return f"{self.recording.name}-{'clutter' if self.clutter else 'clean'}{circle}"
+        silent = "" if self.announced else "-unannounced"
+        return f"{self.recording.name}-{'clutter' if self.clutter else 'clean'}{circle}{silent}"
 
     @property
     def folder(self) -> Path:
         """Where it is rendered."""
-        fields = {**plain_fields(self), "recording": self.recording.digest, "version": VERSION}
+        fields = {**plain_fields(replace(self, announced=True)), "recording": self.recording.digest, "version": VERSION}
         return cache_folder("scenes") / key_of(fields)[:24]
 
 
@@ -103,12 +107,14 @@ class SeenScene(NamedTuple):
         cameras: C cameras, px.
         truth: The fifteen virtual markers (T, 15, 3), mm.
         sources: Its videos.
+        announced: Whether pixels that the furniture hides are left out.
     """
 
     rate: float
     cameras: Cameras
     truth: Floats
     sources: VideoSources
+    announced: bool = True
 
     def person(self) -> SeenPerson:
         """Who is seen."""
@@ -121,7 +127,7 @@ class SeenScene(NamedTuple):
         videos = sources.videos[:views]
         for video in videos:
             plate = next(iter(sources.plates[video.camera].images()))
-            ignore = sources.occlusion[video.camera]
+            ignore = sources.occlusion[video.camera] if self.announced else None
             features.append(video_features(video, _SETTINGS, plate=plate, ignore=ignore, stop=stop, bad_mask="ignore"))
         images = [video.images() for video in videos]
         for frame in zip(*features, strict=True):
@@ -143,7 +149,7 @@ def see(scene: Scene) -> SeenScene:
         raise InputError("no truth", file=scene.folder, expected="a scene as it was rendered; remove the folder and run again")
     names = load_builder(DEFAULT_MODEL)(None).tree.marker_names
     truth = np.asarray(virtual_markers(names, sources.truth.markers), np.float64)
-    return SeenScene(scene.rate, cameras_of_records(sources.records), truth, sources)
+    return SeenScene(scene.rate, cameras_of_records(sources.records), truth, sources, scene.announced)
 
 
 def _render(scene: Scene) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from poseppl_papers.experiment import Claim, Tables, claims_by_table, verdict_of
-from poseppl_papers.measured import Interval, Measured, difference, find
+from poseppl_papers.measured import MATTERS, Interval, Measured, difference, find
 from poseppl_papers.peursum.dimensionality import EXACT
 from poseppl_papers.peursum.monocular import monocular_claims
 from poseppl_papers.peursum.plan import PUBLISHED_EXPONENT
@@ -18,8 +18,8 @@ from poseppl_papers.tables import Table, grouped
 
 CLUTTER = {PLAIN: 168 - 100, ANNEALED: 185 - 98}
 """What clutter adds in Table 2, mm."""
-ALIKE = 1.1
-"""The ratio of errors up to which two filters are alike; the paper calls 168 and 185 mm so."""
+ALIKE = 1 + MATTERS
+"""The ratio of errors up to which two filters are alike."""
 HALF = 0.5
 """Share of the error that smoothing leaves at most where it pays."""
 OTHER_SCENE = "none: another recording"
@@ -51,17 +51,15 @@ def _table_2(tables: Tables) -> Claim:
 
 
 def _clutter(tables: Tables) -> list[Claim]:
-    told, less = [], []
+    told = []
     for system, diffusion in DIFFUSIONS.items():
         clean, full = (_errors(tables["trackers"], system, each) for each in ("clean", "furniture"))
         if not full:
             return []
         rises = {word: difference(full[word], clean[word]) for word in CLUTTER}
         told.append(" and ".join(f"{rise:.0f} +- {error:.0f}" for rise, error in rises.values()) + f" mm ({diffusion})")
-        less += [rise + 2 * error < CLUTTER[word] for word, (rise, error) in rises.items()]
-    ours = f"furniture adds {', '.join(told)}"
-    verdict = "does not hold in this scene" if all(less) else "holds for some"
-    return [Claim("Table 2, clutter", "168 and 185 mm, 68 and 87 more", ours, verdict, "by two standard errors over runs")]
+    ours, why = f"announced furniture adds {', '.join(told)}", "the paper's furniture is not announced; one recording"
+    return [Claim("Table 2, clutter", "168 and 185 mm, 68 and 87 more", ours, OTHER_SCENE, why)]
 
 
 def _sharpened(tables: Tables) -> Claim:

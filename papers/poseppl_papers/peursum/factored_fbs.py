@@ -36,7 +36,7 @@ class RootWalk(NamedTuple):
 
     Attributes:
         scales: Standard deviations of a step (4,), mm and radians.
-        strides: (M, 3), mm: forwards, to the left and up.
+        strides: (M, 3), mm a frame of the video: forwards, to the left and up.
         stays: Probability () that the position does not follow the heading.
     """
 

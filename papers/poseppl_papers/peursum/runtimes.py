@@ -10,7 +10,7 @@ import numpy as np
 
 from poseppl_papers.experiment import Claim, Jobs, Results, Tables
 from poseppl_papers.peursum.smoothed_walks import STAGES
-from poseppl_papers.peursum.walk_tables import is_cluttered
+from poseppl_papers.peursum.walk_tables import CIRCLES, kind_of
 from poseppl_papers.tables import Table, grouped, markdown
 
 COLUMNS = ("scene", "frames", "filter", "stage", "run", "seconds")
@@ -75,6 +75,6 @@ def _medians(table: Table) -> dict[tuple[str, str], dict[str, float]]:
     """Seconds a frame by kind of scene and filter, and then by stage."""
     found: dict[tuple[str, str], dict[str, float]] = {}
     for (scene, filter, stage), rows in grouped(table.records(), itemgetter("scene", "filter", "stage")).items():
-        kind = CLUTTER if is_cluttered(scene) else HUMANEVA
+        kind = HUMANEVA if kind_of(scene) == CIRCLES else CLUTTER
         found.setdefault((kind, filter), {})[stage] = float(np.median([row["seconds"] for row in rows]))
     return found

@@ -12,7 +12,7 @@ from poseppl.errors import InputError
 from poseppl_papers.images.scenes import Scene
 from poseppl_papers.recordings import Recording
 
-NUM_CIRCLES, NUM_CLUTTERED = 4, 3
+NUM_CIRCLES, NUM_CLUTTERED = 5, 5
 RADIUS = 1200.0
 """Of the circles (mm): the pelvis keeps 300 mm away from the edge of the mat."""
 
@@ -33,7 +33,9 @@ def circle_scenes(recordings: Sequence[Recording], number: int = NUM_CIRCLES, nu
     ]
 
 
-def clutter_scenes(recordings: Sequence[Recording], number: int = NUM_CLUTTERED, num_frames: int = 60) -> list[Scene]:
+def clutter_scenes(
+    recordings: Sequence[Recording], number: int = NUM_CLUTTERED, num_frames: int = 60, *, announced: bool = False
+) -> list[Scene]:
     """Walks among furniture, one for each of the first recordings: it is placed beside each path anew.
 
     The table comes to stand beside the middle of the path in all of them, the chairs up to 1.5 m elsewhere.
@@ -42,11 +44,15 @@ def clutter_scenes(recordings: Sequence[Recording], number: int = NUM_CLUTTERED,
         recordings: Walks, as many as scenes or more.
         number: Of scenes.
         num_frames: At 25 frames a second.
+        announced: Whether trackers are given the pixels that the furniture hides, which those of the paper are not.
 
     Raises:
         InputError: There are too few recordings.
     """
-    return [Scene(each, True, num_frames, rate=25.0, width=384, height=288) for each in _first(recordings, number)]
+    return [
+        Scene(each, True, num_frames, rate=25.0, width=384, height=288, announced=announced)
+        for each in _first(recordings, number)
+    ]
 
 
 def _first(recordings: Sequence[Recording], count: int) -> Sequence[Recording]:

@@ -19,6 +19,7 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.jobs import Job
+from poseppl.jobs.job import later_field
 from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
 from poseppl.motion.learned.factored_tables import NUM_BINS
 from poseppl_papers.clock import finished
@@ -63,6 +64,7 @@ class SmoothedRuns(Job):
         rounds: Of the Gibbs sampler.
         training: What the motion is learned from; None for a generic one.
         training_rate: Frames a second at which it is learned.
+        smoothed: Whether smoothers follow.
     """
 
     scene: Any
@@ -72,6 +74,7 @@ class SmoothedRuns(Job):
     rounds: int
     training: Recording | None = None
     training_rate: float = 50.0
+    smoothed: bool = later_field(True)
 
     @property
     def length(self) -> int:
@@ -130,7 +133,7 @@ def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
         in the first run with compilation; ``stages``, the same by :data:`STAGES`, the mixture
         apart; ``rounds`` of the variational smoother (run,); ``ess_share`` and ``survivors``
         (run,), mean shares of N that are effective, and that have descendants three frames later, NaN where a filter has no
-        ancestors.
+        ancestors. Without smoothers there is one algorithm, and no ``stages`` and ``rounds``.
     """
     system = job.taught
     problem = problem_of(job.scene, system, job.num_frames)
@@ -143,7 +146,7 @@ def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
     rows = []
     for run in job.runs:
         track = run_track(problem, filter, step, run)
-        rows.append(smooth_track(problem, track, motion, job.rounds, run))
+        rows.append(smooth_track(problem, track, motion, job.rounds, run) if job.smoothed else filter_track(problem, track))
     return stacked(rows)
 
 
@@ -155,8 +158,20 @@ def motion_of(problem: Problem, system: System) -> Motion:
     tables = diffusion_tables(jnp.asarray(np.delete(scales, places), float), NUM_BINS)
     if file is not None:
         tables = read_factored_tables(file)
-    walk = RootWalk(jnp.asarray(scales[places], float), tables.strides, jnp.asarray(tables.stays, float))
+    seconds = 0.0 if inputs.seconds is None else inputs.seconds
+    walk = RootWalk(jnp.asarray(scales[places], float), tables.velocities * seconds, jnp.asarray(tables.stays, float))
     return Motion(tables, log_tables(tables), walk, file is not None)
+
+
+def filter_track(problem: Problem, track: Track, judge: Judge = posture_error) -> dict[str, Any]:
+    """Errors (1, frame), seconds (1,), ``ess_share`` and ``survivors`` of the filter, as :func:`smooth_walk` has them."""
+    weights, survivors = _weights(track), track.survivors() / track.log_weights.shape[1]
+    return {
+        "errors": _judged(problem, track.poses, weights, judge)[None],
+        "seconds": np.array([np.nanmedian(track.seconds)]),
+        "ess_share": track.ess_share.mean(),
+        "survivors": survivors.mean() if survivors.min() < 1 else np.nan,
+    }
 
 
 def smooth_track(
@@ -172,17 +187,12 @@ def smooth_track(
         seed: Of the run.
         judge: Of a frame.
     """
-
-    def judged(poses: Any, weights: Floats) -> Floats:
-        rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
-        return np.array([judge(problem.system.tree, *row) for row in rows])
-
     key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
-    weights = np.exp(np.asarray(track.log_weights, np.float64))
-    errors, seconds = [judged(track.poses, weights)], [float(np.nanmedian(track.seconds))]
+    filtered, weights = filter_track(problem, track, judge), _weights(track)
+    errors, seconds = list(filtered["errors"]), list(filtered["seconds"])
     if weights.shape[1] <= MAX_PAIRED:
         smoothed, spent = finished(lambda: forward_backward(problem, track, motion))
-        errors.append(judged(track.poses, np.exp(np.asarray(smoothed, np.float64))))
+        errors.append(_judged(problem, track.poses, np.exp(np.asarray(smoothed, np.float64)), judge))
     else:
         spent = np.nan
         errors.append(np.full_like(errors[0], np.nan))
@@ -196,13 +206,22 @@ def smooth_track(
     for smoother in smoothers:
         (posterior, count), spent = finished(smoother)
         poses = posture_of(problem.system.tree, posterior.root_mean, posterior.mean_rotations())
-        errors.append(judged(poses[:, None], np.ones((len(poses), 1))))
+        errors.append(_judged(problem, poses[:, None], np.ones((len(poses), 1)), judge))
         stages.append(spent / len(weights))
         seconds.append(stages[2] + stages[-1])
         counts.append(int(count))
     told = {"errors": np.array(errors), "seconds": np.array(seconds), "stages": np.array(stages), "rounds": counts[0]}
-    survivors = track.survivors() / weights.shape[1]
-    return told | {"ess_share": track.ess_share.mean(), "survivors": survivors.mean() if survivors.min() < 1 else np.nan}
+    return filtered | told
+
+
+def _weights(track: Track) -> Floats:
+    return np.exp(np.asarray(track.log_weights, np.float64))
+
+
+def _judged(problem: Problem, poses: Any, weights: Floats, judge: Judge) -> Floats:
+    """The errors (T, ...) of poses (T, N, d) with weights (T, N)."""
+    rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
+    return np.array([judge(problem.system.tree, *row) for row in rows])
 
 
 def forward_backward(problem: Problem, track: Track, motion: Motion) -> Array:

@@ -9,6 +9,8 @@ Section 2.3. With N particles of frame k - 1 and their weights w:
 
 The noise of layer t is multiplied by the survival diagnostic of the layer before, 1 / (N sum_i w_i^2) (Eq. 7, in which it grows
 with the diagnostic; the text below it says that it should shrink, which `noise_follows="degeneracy"` does: N sum_i w_i^2).
+sigma is "the standard deviations of the elements in X": of the particles, or, by `noise_scale="transition"`, of a step of the
+model's transition, which does not shrink with the particles.
 
 The argument `target` selects what it computes:
 
@@ -52,6 +54,7 @@ from poseppl.program.population import draw_initial, log_likelihoods, log_predic
 Target = Literal["likelihood", "posterior"]
 Prediction = Literal["transition", "velocity"]
 NoiseFollows = Literal["survival", "degeneracy", "nothing"]
+NoiseScale = Literal["particles", "transition"]
 
 
 class DEMCState(NamedTuple):
@@ -114,6 +117,7 @@ def demc_filter(
     prediction: Prediction = "transition",
     noise: float = 0.1,
     noise_follows: NoiseFollows = "survival",
+    noise_scale: NoiseScale = "particles",
     snooker: float = 0.0,
     resampling: Scheme = "systematic",
 ) -> Filter:
@@ -125,8 +129,9 @@ def demc_filter(
         num_layers: T, updates of each particle in a frame.
         target: "likelihood", as published, or "posterior".
         prediction: "transition", draws from the model, or "velocity", as published; "posterior" always takes the former.
-        noise: c, half-width of the noise in standard deviations of the particles, in [0, 1).
+        noise: c, half-width of the noise in units of sigma, in [0, 1).
         noise_follows: "survival" (Eq. 7), "degeneracy" (its inverse) or "nothing".
+        noise_scale: sigma, the standard deviations of the "particles" or of a step of the "transition".
         snooker: Probability that a particle makes a snooker update instead.
         resampling: How ancestors are drawn.
 
@@ -146,6 +151,7 @@ def demc_filter(
     check_choice(Target, target=target)
     check_choice(Prediction, prediction=prediction)
     check_choice(NoiseFollows, noise_follows=noise_follows)
+    check_choice(NoiseScale, noise_scale=noise_scale)
     moves = DEMCSettings(num_updates=num_layers, noise=noise, snooker=snooker).check()
     layers = _Layers(target == "posterior", moves, noise_follows, resampling_scheme(resampling))
     by_velocity = prediction == "velocity" and not layers.posterior
@@ -161,16 +167,15 @@ def demc_filter(
         key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
         ancestors = identity if layers.posterior else layers.scheme(key_select, state.log_weights, num_particles)
         previous = state.particles[ancestors]
-        if by_velocity:
-            predicted = previous + state.velocity
-        else:
-            predicted = propagate(model, jax.random.split(key_draw, num_particles), previous, inputs)
+        drawn = propagate(model, jax.random.split(key_draw, num_particles), previous, inputs)
+        predicted = previous + state.velocity if by_velocity else drawn
+        sigma = jnp.std(drawn - previous, 0) if noise_scale == "transition" else None
 
         def log_prior(x: Array) -> Array:
             return log_prediction(model, x, previous, inputs)
 
         otherwise = previous if by_velocity else None
-        evolved = _evolve(model, layers, key_evolve, predicted, log_prior, (observation, inputs), otherwise)
+        evolved = _evolve(model, layers, key_evolve, predicted, log_prior, (observation, inputs), otherwise, sigma)
         return _conclude(evolved, ancestors, state, layers.posterior)
 
     evidence: EvidenceError = "runs" if layers.posterior else "none"
@@ -185,8 +190,12 @@ def _evolve(
     log_prior: Callable[[Array], Array],
     data: tuple[Observation, Any],
     otherwise: Array | None = None,
+    sigma: Array | None = None,
 ) -> _Evolved:
-    """Evolve predictions (N, d); from other positions (N, d) where none of them has density."""
+    """Evolve predictions (N, d); from other positions (N, d) where none of them has density.
+
+    The noise may have its own sigma (d,).
+    """
     key_resample, key_layers = jax.random.split(rng_key)
     posterior, num_particles = layers.posterior, predicted.shape[0]
 
@@ -200,7 +209,8 @@ def _evolve(
         better = jnp.any(there[1] > -jnp.inf)
         predicted, values = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, (predicted, values))
     weighted = normalise(values)
-    flat = ~weighted.degenerate & (jnp.min(values) == jnp.max(values))
+    differ = jnp.any(predicted != predicted[:1])  # copies are alike whatever the data say
+    flat = ~weighted.degenerate & (jnp.min(values) == jnp.max(values)) & differ
     origin = identity = jnp.arange(num_particles, dtype=jnp.int32)
     if posterior:
         origin = jnp.where(weighted.degenerate, identity, layers.scheme(key_resample, weighted.log_weights, num_particles))
@@ -211,7 +221,7 @@ def _evolve(
 
     def layer(members: Members, rng_key: Array) -> tuple[Members, Array]:
         factor = 1.0 if posterior else _noise_factor(members.values, layers.noise_follows)
-        moved, rate = demc_update(rng_key, members, log_density, layers.moves, noise_factor=factor)
+        moved, rate = demc_update(rng_key, members, log_density, layers.moves, noise_factor=factor, noise_scale=sigma)
         return moved if posterior else jax.tree.map(lambda old, new: jnp.where(flat, old, new), members, moved), rate
 
     starts = predicted[origin]

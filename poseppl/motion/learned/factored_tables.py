@@ -22,13 +22,13 @@ NUM_BINS = 120
 """Of a turn: 3 degrees each."""
 STAYS = 0.5
 """w, ours."""
-_LAYOUT = 1
+_LAYOUT = 2
 _EXPECTED = "tables of a factored motion"
 _MAX_BYTES = 2**28
 
 
 class FactoredTables(NamedTuple):
-    """Probabilities of M phases, D rotations and B bins.
+    """Probabilities of M phases, D rotations and B bins, a frame of the recording after the other.
 
     Attributes:
         first_phase: phi (M,), Eq. 7d.
@@ -37,7 +37,7 @@ class FactoredTables(NamedTuple):
         entries: A of a rotation that enters a phase (M, D, B), Eq. 7c.
         steps: A of one that goes on (M, D, B, B), Eq. 7b, rows the bin before; a row of zeros where the phase knows no
             successor of the bin.
-        strides: m (M, 3), mean step of a frame: forwards, to the left and up, mm.
+        velocities: m (M, 3), mean velocity: forwards, to the left and up, mm/s.
         stays: w (), the probability that the position does not follow the heading.
     """
 
@@ -46,7 +46,7 @@ class FactoredTables(NamedTuple):
     phases: Array
     entries: Array
     steps: Array
-    strides: Array
+    velocities: Array
     stays: Any = STAYS
 
     def successors(self, phase: Array, bins: Array) -> Array:
@@ -97,7 +97,9 @@ def read_factored_tables(path: FilePath) -> FactoredTables:
         if name not in data or data[name].dims != dims or not np.isfinite(data[name].values).all():
             raise InputError("missing, not finite, or of other dimensions", file=path, field=name, expected=" x ".join(dims))
         total = data[name].values.sum(-1) if dims else data[name].values
-        fine = name in ("strides", "stays") or ((data[name].values >= 0).all() and np.all(_ones(total) | (_zeros(total, name))))
+        fine = name in ("velocities", "stays") or (
+            (data[name].values >= 0).all() and np.all(_ones(total) | (_zeros(total, name)))
+        )
         if not fine:
             raise InputError("no probabilities", file=path, field=name, expected="rows that sum to one")
     tables = (jnp.asarray(data[name].values, float) for name in FactoredTables._fields)
@@ -110,7 +112,7 @@ _DIMS: dict[str, tuple[str, ...]] = {
     "phases": ("phase", "next_phase"),
     "entries": ("phase", "rotation", "bin"),
     "steps": ("phase", "rotation", "bin", "next_bin"),
-    "strides": ("phase", "axis"),
+    "velocities": ("phase", "axis"),
     "stays": (),
 }
 

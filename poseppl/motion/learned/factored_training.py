@@ -54,7 +54,7 @@ def train_factored_motion(
     Args:
         poses: Of one person who walks straight on (T, d), mm and radians; at least two periods.
         coordinates: Joint and axis of each of the d coordinates.
-        rate: Frames a second, of the poses and of the tables.
+        rate: Frames a second, of the poses and of the tables; velocities do not depend on it.
         num_phases: M.
         num_bins: B, of a turn.
         spread: psi, radians.
@@ -76,7 +76,8 @@ def train_factored_motion(
         steps.append(np.stack([_steps(*pair, centres, spread, kept) for pair in zip(before.T, after.T, strict=True)]))
     first = np.bincount(phases, minlength=num_phases) / len(phases)
     tables = first, np.stack(entries), _changes(phases, num_phases), np.stack(entries), np.stack(steps)
-    return FactoredTables(*(jnp.asarray(table, float) for table in (*tables, _strides(poses[:, places], phases, num_phases))))
+    velocities = rate * _strides(poses[:, places], phases, num_phases)
+    return FactoredTables(*(jnp.asarray(table, float) for table in (*tables, velocities)))
 
 
 def phases_of(angles: Floats, rate: float, num_phases: int) -> Integers:

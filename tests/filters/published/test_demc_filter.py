@@ -97,6 +97,18 @@ def test_noise_follows_the_survival_diagnostic():
     assert float(_noise_factor(jnp.full(4, -jnp.inf), "survival")) == 0.25
 
 
+def test_copies_are_parted_by_the_noise_of_the_transition():
+    """Copies have no standard deviations; one layer moves them by at most c times those of a step of the transition."""
+    posed = problem()
+    state = DEMCState(jnp.zeros((200, 2)), jnp.full(200, -jnp.log(200.0)), jnp.zeros(2), jnp.zeros(2))
+    settings = {"num_layers": 1, "prediction": "velocity", "noise": 0.5, "noise_follows": "nothing"}
+    for scale in ("particles", "transition"):
+        step = jax.jit(demc_filter(posed.model, 200, noise_scale=scale, **settings).step)
+        moved = np.asarray(step(jax.random.key(0), state, *posed.at(1))[0].particles)[::2]  # the half that moves first
+        reach = 0.5 * np.sqrt(np.diag(posed.matrices.Q)) * (scale == "transition")
+        assert (np.abs(moved).max(0) <= 1.2 * reach).all() and (np.abs(moved).max(0) >= 0.7 * reach).all()
+
+
 def within_limits(drift=0.0):
     """A coordinate between hard limits at -1 and 1, seen at 0.9, that drifts in each frame."""
 
@@ -165,6 +177,7 @@ def test_one_particle_and_equal_particles(target, num_particles):
         ({"target": "mixture"}, "target"),
         ({"prediction": "drift"}, "prediction"),
         ({"noise_follows": "weights"}, "noise_follows"),
+        ({"noise_scale": "weights"}, "noise_scale"),
         ({"snooker": 2.0}, "snooker"),
         ({"resampling": "sistematic"}, "sistematic"),
     ],

@@ -47,9 +47,14 @@ def test_probabilities():
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0])
-def test_strides_are_ahead_whatever_the_heading(heading):
+def test_velocities_are_ahead_whatever_the_heading(heading):
     tables = train_factored_motion(a_walk(heading=heading), COORDINATES, RATE)
-    np.testing.assert_allclose(tables.strides, np.broadcast_to([20.0, 0.0, 0.0], (8, 3)), atol=1e-3)
+    np.testing.assert_allclose(tables.velocities, np.broadcast_to([20.0 * RATE, 0.0, 0.0], (8, 3)), atol=0.05)
+
+
+def test_velocities_do_not_depend_on_the_rate_of_the_recording():
+    every_second = train_factored_motion(a_walk()[::2], COORDINATES, RATE / 2)
+    np.testing.assert_allclose(every_second.velocities, trained().velocities, atol=0.05)
 
 
 @pytest.mark.full
