@@ -66,7 +66,7 @@ def main() -> None:
     reference, trees = places_of(scene), {}
     rows: list[tuple[Any, ...]] = [("files to points of a person", *seconds, np.nan, np.nan)]
     for name, settings in FILTERS.items():
-        trees[name], *seconds = timed(lambda settings=settings: track(scene.scene, settings), repetitions)  # type: ignore[misc]
+        trees[name], *seconds = timed(lambda settings=settings: track(scene.scene, settings).result, repetitions)  # type: ignore[misc]
         rows.append((name, *seconds, *errors(trees[name], reference)))
     for name, (start, chosen) in SMOOTHERS.items():
         tree, *seconds = timed(lambda start=trees[start], chosen=chosen: smooth(start, chosen), repetitions)  # type: ignore[misc]

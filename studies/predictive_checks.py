@@ -175,7 +175,7 @@ def simulated_result(name: str, seed: int, frames: int) -> Any:
 def tracked(subject: Any, cameras: Any, count: int, name: str, seed: int) -> Any:
     """Result of a filter on what the cameras see of a subject."""
     scene = observe_motion(subject, cameras, camera_names(count), seed=seed)
-    return track(scene, TrackSettings(filter=METHODS[name][0], options=METHODS[name][1], seed=seed, max_draws=100))
+    return track(scene, TrackSettings(filter=METHODS[name][0], options=METHODS[name][1], seed=seed, max_draws=100)).result
 
 
 class Judged(NamedTuple):

@@ -26,7 +26,7 @@ def methods(given: Given) -> dict[str, Callable[[], Answer]]:
     cameras, frames = tuple(int(number) for number in given.cameras), f"0:{len(given.points)}"
 
     def smoothed() -> Answer:
-        filtered = track(scene_of(folder, cameras, frames).scene, TrackSettings())
+        filtered = track(scene_of(folder, cameras, frames).scene, TrackSettings()).result
         tree = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
         draws = np.asarray(tree["posterior/markers"].values, np.float64)
         names = [str(name) for name in tree["summary"]["marker"].values]
