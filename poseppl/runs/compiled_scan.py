@@ -43,9 +43,9 @@ from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames, key_d
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
 
-_LONG, _SHORT, _SINGLE = 64, 8, 1
-"""Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those of large
-frames, and of those whose frames come one at a time. Rows without a frame copy the state."""
+_LONG, _SHORT = 64, 8
+"""Room for frames of a compiled call, whatever the parts of a run, so that all share one program, and its rounding: of most
+runs, and of those of large frames. A call takes as many frames as there are."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 
@@ -204,7 +204,6 @@ class CompiledRun:
         predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
-        single: Whether frames come one at a time.
         history_bytes: Room for the filter's history; without room for all of it none is kept.
 
     Attributes:
@@ -222,7 +221,6 @@ class CompiledRun:
         predict: Predict | None,
         sequence: FrameSequence,
         rng_key: Array,
-        single: bool = False,
         history_bytes: float = 0,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
@@ -237,7 +235,7 @@ class CompiledRun:
         self._made = self._programs.made.setdefault(abstract_signature(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(start))
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
-        self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
+        self._length = _SHORT if size > _LARGE else _LONG
         self._begin: Any = None
         self._scan: Any = None
 

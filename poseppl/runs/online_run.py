@@ -65,7 +65,7 @@ class OnlineRun:
         self._filter = filter
         self._numbers: list[int] = []
         sequence = self._sequence(observations, inputs)
-        self._calls = CompiledRun(filter, collect, predict, sequence, rng_key, single=True)
+        self._calls = CompiledRun(filter, collect, predict, sequence, rng_key)
         self._course = FilterRun(self._calls, self._numbers, on_failure, note, started)
         self._course.warn(*coarse_inputs(inputs))
         self._course.compile(resumed=0)
