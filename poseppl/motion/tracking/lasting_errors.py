@@ -49,6 +49,28 @@ def with_ar1_noise(
 ) -> Problem:
     """Give a problem of points errors that last, and markers that may be beside their joints.
 
+    Arguments and errors are those of :func:`ar1_inputs`.
+    """
+    inputs = ar1_inputs(problem, frames, rate, camera_covariance, lengths)
+    num_lengths, tree = 0 if lengths is None else len(lengths.per_place), problem.body.tree
+    seen: Any = seen_by_detector(
+        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
+    )
+    model = compile_once(seen.program, frame_inputs(inputs, 0))
+    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
+    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
+
+
+def ar1_inputs(
+    problem: Problem,
+    frames: Integers,
+    rate: float | None,
+    camera_covariance: Floats | None = None,
+    lengths: MeasuredLengths | None = None,
+    start: Floats | None = None,
+) -> BodyInputs:
+    """The inputs of a body's programs with errors that last.
+
     Args:
         problem: The problem.
         frames: Its frames' numbers (T,).
@@ -56,6 +78,7 @@ def with_ar1_noise(
         camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
             taken for exact.
         lengths: How the body's lengths were measured, if in the same points; None if they are exact.
+        start: Poses (T, d) from which the scales of velocities are learned; those of an extended Kalman smoother if None.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
@@ -64,7 +87,7 @@ def with_ar1_noise(
     if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
         raise InputError("errors that last are for points of a whole body", field="--errors", expected="independent")
     seconds = time_steps(frames, rate)
-    own, tree = with_velocities(problem, seconds), problem.body.tree
+    own = with_velocities(problem, seconds, start)
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     errors = LastingErrors(
@@ -76,15 +99,8 @@ def with_ar1_noise(
         per_length=None if lengths is None else Constant(lengths.offsets),
         camera_root=Constant(jnp.asarray(root, float)),
     )
-    own = _with_open_start(own, problem.body)
-    inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
-    num_lengths = 0 if lengths is None else len(lengths.per_place)
-    seen: Any = seen_by_detector(
-        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
-    )
-    model = compile_once(seen.program, frame_inputs(inputs, 0))
-    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
-    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
+    opened: BodyInputs = _with_open_start(own, problem.body)
+    return opened._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
 
 
 def _with_open_start(own: Any, body: Body) -> Any:

@@ -1,0 +1,220 @@
+r"""The prior of trajectories whose coordinates walk alone, or along velocities: a block-tridiagonal precision of few numbers.
+
+Innovations of x_t (n,), of which the first d coordinates p walk along the next d, their velocities v, are independent N(0, 1):
+
+    own_t x_t - before_t x_(t-1) - offset_t,      and in the first d rows        + along_t v_t - along_before_t v_(t-1).
+
+So a product with the precision F^T F costs O(T n), and the blocks B_t beside the diagonal are sparse. With information H_t (n, n)
+of the data, S_t = H_t + (F^T F)_tt - B_t S_(t-1)^-1 B_t^T, whose inverses are all that is kept of a factorisation:
+
+    (F^T F + H) x = r :    h_t = S_t^-1 (r_t - B_t h_(t-1)),    x_t = h_t - S_t^-1 B_(t+1)^T x_(t+1).
+
+NumPy and LAPACK: nothing is compiled, and a frame costs one Cholesky inverse. Arrays of several columns are (T, N, n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from poseppl.arrays import Floats
+
+
+class WalkChains(NamedTuple):
+    """The innovations of T frames, in units of their standard deviations.
+
+    Attributes:
+        own: What of a frame's coordinates (T, n).
+        before: What of those of the frame before (T, n); 0 in the first row.
+        along: What of the velocities (T, d).
+        along_before: What of those of the frame before (T, d); 0 in the first row.
+        offset: Their means (T, n).
+    """
+
+    own: NDArray[Any]
+    before: NDArray[Any]
+    along: NDArray[Any]
+    along_before: NDArray[Any]
+    offset: NDArray[Any]
+
+    @property
+    def _parts(self) -> tuple[slice, slice]:
+        """Coordinates that walk along velocities, and these."""
+        width = self.along.shape[1]
+        return slice(0, width), slice(width, 2 * width)
+
+    def beside(self, others: WalkChains) -> WalkChains:
+        """The same with further coordinates (T, m), which walk alone."""
+        pairs = zip((self.own, self.before, self.offset), (others.own, others.before, others.offset), strict=True)
+        own, before, offset = (np.concatenate(pair, 1) for pair in pairs)
+        return self._replace(own=own, before=before, offset=offset)
+
+    def innovations(self, x: Floats) -> Floats:
+        """F x (T, N, n), without the offset."""
+        walk, pace = self._parts
+        found = self.own[:, None] * x
+        found[1:] -= self.before[1:, None] * x[:-1]
+        found[..., walk] += self.along[:, None] * x[..., pace]
+        found[1:, :, walk] -= self.along_before[1:, None] * x[:-1, :, pace]
+        return found
+
+    def pulled(self, w: Floats) -> Floats:
+        """F^T w (T, N, n)."""
+        walk, pace = self._parts
+        found = self.own[:, None] * w
+        found[:-1] -= self.before[1:, None] * w[1:]
+        found[..., pace] += self.along[:, None] * w[..., walk]
+        found[:-1, :, pace] -= self.along_before[1:, None] * w[1:, :, walk]
+        return found
+
+    def below(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
+        """B_t r for rows r (..., n) of the frame before."""
+        walk, pace = self._parts
+        found = (-self.own[frame] * self.before[frame]) * rows
+        moved = self.before[frame, walk] * rows[..., walk] + self.along_before[frame] * rows[..., pace]
+        found[..., walk] = -self.own[frame, walk] * moved
+        found[..., pace] -= self.along[frame] * moved
+        return found
+
+    def above(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
+        """B_t^T r for rows r (..., n) of the frame."""
+        walk, pace = self._parts
+        found = (-self.own[frame] * self.before[frame]) * rows
+        moved = self.own[frame, walk] * rows[..., walk] + self.along[frame] * rows[..., pace]
+        found[..., walk] = -self.before[frame, walk] * moved
+        found[..., pace] -= self.along_before[frame] * moved
+        return found
+
+    def diagonal_blocks(self) -> tuple[Floats, Floats]:
+        """Blocks of F^T F on the diagonal: their own diagonals (T, n), and between coordinates and their velocities (T, d)."""
+        walk, pace = self._parts
+        own = self.own**2
+        own[:-1] += self.before[1:] ** 2
+        own[:, pace] += self.along**2
+        own[:-1, pace] += self.along_before[1:] ** 2
+        between = self.own[:, walk] * self.along
+        between[:-1] += self.before[1:, walk] * self.along_before[1:]
+        return own, between
+
+
+def ar1_chains(kept: Floats, scale: Floats | float, width: int) -> WalkChains:
+    """Stationary sequences x_t = kept_t x_(t-1) + ..., of a standard deviation, side by side.
+
+    Args:
+        kept: (T,); the first is not read.
+        scale: Standard deviation, a number or (width,).
+        width: How many.
+    """
+    left = np.concatenate([[0.0], np.asarray(kept, np.float64)[1:]])
+    own = 1 / np.sqrt(1 - left**2)[:, None] / np.broadcast_to(scale, width)
+    nothing = np.zeros((len(left), 0))
+    return WalkChains(own, left[:, None] * own, nothing, nothing, np.zeros_like(own))
+
+
+class WalkFactor(NamedTuple):
+    """A precision F^T F + H, ready for solving.
+
+    Attributes:
+        chains: F, in the inverses' type.
+        inverses: S_t^-1 (T, n, n), in float32: as a preconditioner it is as good.
+    """
+
+    chains: WalkChains
+    inverses: NDArray[np.float32]
+
+    def solve(self, r: Floats) -> Floats:
+        """(F^T F + H)^-1 r for r (T, N, m), whose last n - m coordinates are 0, and are left out of the answer."""
+        chains, inverses = self
+        found = np.zeros((*r.shape[:2], inverses.shape[1]), inverses.dtype)
+        found[..., : r.shape[2]] = r
+        found[0] = found[0] @ inverses[0]
+        for t in range(1, len(found)):
+            found[t] = (found[t] - chains.below(t, found[t - 1])) @ inverses[t]
+        for t in range(len(found) - 2, -1, -1):
+            found[t] -= chains.above(t + 1, found[t + 1]) @ inverses[t]
+        return np.asarray(found[..., : r.shape[2]], np.float64)
+
+    def covariances(self) -> Iterator[tuple[int, Floats]]:
+        """The frames and their covariances (n, n), from the last to the first."""
+        chains = WalkChains(*(np.asarray(part, np.float64) for part in self.chains))
+        following = np.asarray(self.inverses[-1], np.float64)
+        yield len(self.inverses) - 1, following
+        for t in range(len(self.inverses) - 2, -1, -1):
+            own = np.asarray(self.inverses[t], np.float64)
+            across = chains.above(t + 1, chains.above(t + 1, following).T)
+            following = own + own @ across @ own
+            yield t, following
+
+
+def walk_factor(chains: WalkChains, information: Iterable[Floats]) -> WalkFactor:
+    """Factorise F^T F + H.
+
+    Args:
+        chains: F, of n coordinates.
+        information: H_t (n, n), frame by frame.
+
+    Raises:
+        numpy.linalg.LinAlgError: It is not positive definite.
+    """
+    (count, size), width = chains.own.shape, chains.along.shape[1]
+    diagonal, between = chains.diagonal_blocks()
+    inverses, i, j = np.empty((count, size, size), np.float32), np.arange(size), np.arange(width)
+    inverse = np.zeros((size, size))
+    for t, told in enumerate(information):
+        block = told.copy()
+        block[i, i] += diagonal[t]
+        block[j, width + j] += between[t]
+        block[width + j, j] += between[t]
+        if t:
+            block -= chains.below(t, chains.below(t, inverse).T)
+        inverse = _inverse(block)
+        inverses[t] = inverse
+    return WalkFactor(WalkChains(*(np.asarray(part, np.float32) for part in chains)), inverses)
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """The inverse of a positive definite matrix (n, n)."""
+    root, failed = lapack.dpotrf(matrix, lower=1)
+    lower, unsolved = lapack.dpotri(root, lower=1)
+    if failed or unsolved or not np.isfinite(lower[-1, -1]):
+        raise np.linalg.LinAlgError("the precision of a trajectory is not positive definite")
+    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+
+
+def conjugate_gradients(
+    multiply: Callable[[Floats], Floats], factor: WalkFactor, b: Floats, tolerance: float, most: int = 50
+) -> tuple[Floats, int]:
+    """Solve A x = b for b (T, N, n), all columns together, by preconditioned conjugate gradients.
+
+    Args:
+        multiply: A, symmetric and positive definite.
+        factor: What A is much like.
+        b: The right-hand sides.
+        tolerance: How much, of what the preconditioner makes of b, is left of the residual, by its norm.
+        most: Iterations at most.
+
+    Returns:
+        x, and how many products with A were made.
+    """
+
+    def inner(a: Floats, b: Floats) -> Floats:
+        return np.asarray(np.einsum("tni,tni->n", a, b))[:, None]
+
+    x, r, z = np.zeros_like(b), b.copy(), factor.solve(b)
+    direction, size = z, inner(b, z)
+    goal, floor = tolerance**2 * size, np.finfo(np.float64).tiny
+    for count in range(1, most + 1):
+        image = multiply(direction)
+        length = size / np.maximum(inner(direction, image), floor)
+        x += length * direction
+        r -= length * image
+        z = factor.solve(r)
+        size, before = inner(r, z), size
+        if np.all(size <= goal):
+            break
+        direction = z + size / np.maximum(before, floor) * direction
+    return x, count

@@ -1,0 +1,32 @@
+"""Poses of all frames from several cameras, without a filter: triangulation and inverse kinematics."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.bodies.inverse_kinematics import fit_states
+from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
+
+EVERY = 1 / 15
+"""Seconds between frames whose poses are sought; the others are between them."""
+
+
+def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
+    """Poses (T, d) whose markers lie closest to places (T, K, 3), mm, NaN where unknown; limbs are bent as at rest.
+
+    Args:
+        body: The body.
+        places: Of its markers, some of them known in a frame.
+        seconds: To each frame from the one before (T,).
+    """
+    when = np.cumsum(seconds)
+    known = np.flatnonzero(np.isfinite(places).all(-1).any(-1))
+    chosen = known[np.unique(np.floor((when[known] - when[known[0]]) / EVERY), return_index=True)[1]]
+    states, _ = fit_states(body.tree, places[chosen], body.rest)
+    drawn, rest = jnp.asarray(states[:, None], float), jnp.asarray(body.rest, float)
+    bent = bent_as_at_rest(body.tree, rest, drawn, jnp.zeros(drawn.shape[:2]))
+    poses = np.asarray(bent, np.float64)[:, 0]
+    return np.stack([np.interp(when, when[chosen], column) for column in poses.T], 1)
