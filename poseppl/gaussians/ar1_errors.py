@@ -44,10 +44,7 @@ class AR1Errors(NamedTuple):
 
     def weigh(self, z: Floats) -> Floats:
         """G z."""
-        found = np.empty_like(z)
-        for i in range(2):
-            found[..., i] = self.weight[..., i, 0] * z[..., 0] + self.weight[..., i, 1] * z[..., 1]
-        return found
+        return times_pairs(self.weight, z)
 
     def precision(self, z: Floats) -> Floats:
         """P z."""
@@ -89,3 +86,17 @@ def ar1_errors(kept: Floats, ratio: float, weight: Floats) -> AR1Errors:
     banded[2, :, :-1] = -(own * before)[1:]
     factor = cholesky_banded(banded.reshape(3, -1), lower=True, check_finite=False)
     return AR1Errors(own, before, ratio, weight, factor)
+
+
+def times_pairs(matrices: Floats, pairs: Floats) -> Floats:
+    """Products (N, M, T, 2) of symmetric matrices (M, T, 2, 2) with pairs (N, M, T, 2).
+
+    A pair is a complex number z, of which a symmetric matrix makes a z + b conj(z).
+    """
+    half = np.trace(matrices, axis1=-2, axis2=-1) / 2
+    turned = (matrices[..., 0, 0] - matrices[..., 1, 1]) / 2 + 1j * matrices[..., 0, 1]
+    z = np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+    found = np.conj(z)
+    found *= turned
+    found += half * z
+    return found[..., None].view(np.float64)

@@ -5,9 +5,9 @@ Innovations of x_t (n,), of which the first d coordinates p walk along the next 
     own_t x_t - before_t x_(t-1) - offset_t,      and in the first d rows        + along_t v_t - along_before_t v_(t-1).
 
 So a product with the precision F^T F costs O(T n), and the blocks B_t beside the diagonal are sparse. With information H_t (n, n)
-of the data, S_t = H_t + (F^T F)_tt - B_t S_(t-1)^-1 B_t^T, whose inverses are all that is kept of a factorisation:
+of the data, S_t = H_t + (F^T F)_tt - B_t S_(t-1)^-1 B_t^T,
 
-    (F^T F + H) x = r :    h_t = S_t^-1 (r_t - B_t h_(t-1)),    x_t = h_t - S_t^-1 B_(t+1)^T x_(t+1).
+    (F^T F + H) x = r :    g_t = r_t - B_t S_(t-1)^-1 g_(t-1),    x_t = S_t^-1 (g_t - B_(t+1)^T x_(t+1)).
 
 NumPy and LAPACK: nothing is compiled, and a frame costs one Cholesky inverse. Arrays of several columns are (T, N, n).
 """
@@ -80,15 +80,6 @@ class WalkChains(NamedTuple):
         found[..., pace] -= self.along[frame] * moved
         return found
 
-    def above(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
-        """B_t^T r for rows r (..., n) of the frame."""
-        walk, pace = self._parts
-        found = (-self.own[frame] * self.before[frame]) * rows
-        moved = self.own[frame, walk] * rows[..., walk] + self.along[frame] * rows[..., pace]
-        found[..., walk] = -self.before[frame, walk] * moved
-        found[..., pace] -= self.along_before[frame] * moved
-        return found
-
     def diagonal_blocks(self) -> tuple[Floats, Floats]:
         """Blocks of F^T F on the diagonal: their own diagonals (T, n), and between coordinates and their velocities (T, d)."""
         walk, pace = self._parts
@@ -116,37 +107,34 @@ def ar1_chains(kept: Floats, scale: Floats | float, width: int) -> WalkChains:
 
 
 class WalkFactor(NamedTuple):
-    """A precision F^T F + H, ready for solving.
+    """A precision F^T F + H, ready for solving; in float32, which is as good for a preconditioner.
 
     Attributes:
-        chains: F, in the inverses' type.
-        inverses: S_t^-1 (T, n, n), in float32: as a preconditioner it is as good.
+        inverses: S_t^-1 (T, n, n).
+        gains: (B_(t+1) S_t^-1)^T (T - 1, n, n).
     """
 
-    chains: WalkChains
     inverses: NDArray[np.float32]
+    gains: NDArray[np.float32]
 
     def solve(self, r: Floats) -> Floats:
         """(F^T F + H)^-1 r for r (T, N, m), whose last n - m coordinates are 0, and are left out of the answer."""
-        chains, inverses = self
-        found = np.zeros((*r.shape[:2], inverses.shape[1]), inverses.dtype)
+        found = np.zeros((*r.shape[:2], self.inverses.shape[1]), np.float32)
         found[..., : r.shape[2]] = r
-        found[0] = found[0] @ inverses[0]
-        for t in range(1, len(found)):
-            found[t] = (found[t] - chains.below(t, found[t - 1])) @ inverses[t]
+        for t, gain in enumerate(self.gains):
+            found[t + 1] -= found[t] @ gain
+        found = found @ self.inverses
         for t in range(len(found) - 2, -1, -1):
-            found[t] -= chains.above(t + 1, found[t + 1]) @ inverses[t]
+            found[t] -= found[t + 1] @ self.gains[t].T
         return np.asarray(found[..., : r.shape[2]], np.float64)
 
     def covariances(self) -> Iterator[tuple[int, Floats]]:
         """The frames and their covariances (n, n), from the last to the first."""
-        chains = WalkChains(*(np.asarray(part, np.float64) for part in self.chains))
         following = np.asarray(self.inverses[-1], np.float64)
         yield len(self.inverses) - 1, following
-        for t in range(len(self.inverses) - 2, -1, -1):
-            own = np.asarray(self.inverses[t], np.float64)
-            across = chains.above(t + 1, chains.above(t + 1, following).T)
-            following = own + own @ across @ own
+        for t in range(len(self.gains) - 1, -1, -1):
+            gain = np.asarray(self.gains[t], np.float64)
+            following = self.inverses[t] + gain @ following @ gain.T
             yield t, following
 
 
@@ -162,27 +150,31 @@ def walk_factor(chains: WalkChains, information: Iterable[Floats]) -> WalkFactor
     """
     (count, size), width = chains.own.shape, chains.along.shape[1]
     diagonal, between = chains.diagonal_blocks()
-    inverses, i, j = np.empty((count, size, size), np.float32), np.arange(size), np.arange(width)
-    inverse = np.zeros((size, size))
+    inverses, gains = (np.empty((length, size, size), np.float32) for length in (count, count - 1))
+    inverse, i, j = np.zeros((size, size)), np.arange(size), np.arange(width)
     for t, told in enumerate(information):
         block = told.copy()
         block[i, i] += diagonal[t]
         block[j, width + j] += between[t]
         block[width + j, j] += between[t]
         if t:
-            block -= chains.below(t, chains.below(t, inverse).T)
+            gain = chains.below(t, inverse)
+            gains[t - 1] = gain
+            block -= chains.below(t, gain.T)
         inverse = _inverse(block)
         inverses[t] = inverse
-    return WalkFactor(WalkChains(*(np.asarray(part, np.float32) for part in chains)), inverses)
+    return WalkFactor(inverses, gains)
 
 
 def _inverse(matrix: Floats) -> Floats:
     """The inverse of a positive definite matrix (n, n)."""
-    root, failed = lapack.dpotrf(matrix, lower=1)
-    lower, unsolved = lapack.dpotri(root, lower=1)
+    root, failed = lapack.dpotrf(matrix, lower=1, clean=1)
+    lower, unsolved = lapack.dpotri(root, lower=1, overwrite_c=1)
     if failed or unsolved or not np.isfinite(lower[-1, -1]):
         raise np.linalg.LinAlgError("the precision of a trajectory is not positive definite")
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+    inverse: Floats = lower + lower.T
+    np.einsum("ii->i", inverse)[:] /= 2
+    return inverse
 
 
 def conjugate_gradients(

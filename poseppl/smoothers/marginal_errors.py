@@ -28,15 +28,17 @@ import numpy as np
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.errors import PosepplError
-from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors
+from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, times_pairs
 from poseppl.gaussians.walk_chains import WalkChains, WalkFactor, ar1_chains, conjugate_gradients, walk_factor
 
 _WEIGHTS = (1e-3, 0.03, 0.2)
 """Of the data in the first steps towards the mode."""
-_LENGTHS = (1.5, 2.0, 0.5, 0.2, 0.05, 0.01)
-"""Multiples of a step that are tried if it gains less than half of what it promised."""
-_NOTHING = 1e-5
-"""Nats that a step has to promise: with less, the mode is within 0.005 standard deviations."""
+_SHORTER, _LONGER = (0.5, 0.2, 0.05, 0.01), (2.0, 4.0, 8.0)
+"""Multiples of a step that are tried if it gains less than half of what it promised, and if it gains more."""
+_MUCH = 1.3
+"""As much of what was promised is more."""
+_NOTHING = 1e-3
+"""Nats that a step has to promise: with less, the mode is within a twentieth of a standard deviation."""
 _NEAR = 1.0
 """With less, steps are by the curvature itself, not by that of a quadratic above the density."""
 _STALE = 5
@@ -45,7 +47,7 @@ _STEP, _DRAW = 1e-2, 2e-2
 """Residuals of the solutions for steps, which are corrected by later ones, and for draws."""
 _SPREAD_DRAWS = 48
 """Draws that tell how large errors are expected to be."""
-_ROOM = 2**30
+_ROOM = 2**27
 """Bytes of the columns that are solved for together."""
 
 
@@ -153,13 +155,14 @@ class _Curvature(NamedTuple):
         return walk_factor(self.chains.beside(ar1_chains(kept, 1.0, more)), information)
 
 
-def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100) -> Mode:
+def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100, least: float = _NOTHING) -> Mode:
     """Climb to a mode of the trajectory and its errors by Gauss-Newton steps.
 
     Args:
         problem: What is seen.
         start: (T, n).
         most: Steps at most.
+        least: Nats that a step has to promise, or it is the last.
 
     Raises:
         PosepplError: The density is not finite.
@@ -182,7 +185,7 @@ def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100) -> Mode:
         moved = _searched(problem, (x, e), (dx[:, 0], de[0]), weight, promised)
         if not np.isfinite(promised):
             raise PosepplError("the density of the trajectory is not finite")
-        if moved is None or (weight == 1 and promised < _NOTHING):
+        if moved is None or (weight == 1 and promised < least):
             break
         x, e = moved
     return Mode(x, e, count + 1)
@@ -191,17 +194,22 @@ def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100) -> Mode:
 def _searched(
     problem: SeenWalk, here: tuple[Floats, Floats], step: tuple[Floats, Floats], weight: float, promised: float
 ) -> tuple[Floats, Floats] | None:
-    """Where a step leads, longer or shorter if it gains less than half of what it promised; None if nowhere gains."""
+    """Where a step leads, shorter or longer by what it gains; None if it gains nothing."""
 
     def at(length: float) -> tuple[Floats, Floats]:
         return here[0] + length * step[0], here[1] + length * step[1]
 
-    before, whole = _potential(problem, *here, weight), _potential(problem, *at(1.0), weight)
-    if before - whole >= 0.5 * promised:
-        return at(1.0)
-    tried = {1.0: whole, **{length: _potential(problem, *at(length), weight) for length in _LENGTHS}}
-    best = min(tried, key=lambda length: tried[length])
-    return at(best) if tried[best] < before else None
+    def gain(length: float) -> float:
+        return before - _potential(problem, *at(length), weight)
+
+    before, best = _potential(problem, *here, weight), 1.0
+    most = gain(best)
+    for length in _SHORTER if most < 0.5 * promised else _LONGER if most > _MUCH * promised else ():
+        if (own := gain(length)) > most:
+            best, most = length, own
+        elif most > 0:
+            break
+    return at(best) if most > 0 else None
 
 
 def _potential(problem: SeenWalk, x: Floats, e: Floats, weight: float) -> float:
@@ -289,7 +297,7 @@ def _perturbed(
     root = _square_root(errors.weight)
     for part in _parts(count, model):
         shape = (part.stop - part.start, *errors.weight.shape[:-1])
-        noise = np.einsum("mtij,nmtj->nmti", root, rng.standard_normal(shape))
+        noise = times_pairs(root, rng.standard_normal(shape))
         of_x = model.chains.pulled(rng.standard_normal((num_frames, shape[0], size))) + model.view.pulled(noise)
         of_e = errors.pulled(rng.standard_normal(shape)) + errors.ratio * noise
         yield model.solve(factor, of_x, of_e, _DRAW)[:2]
@@ -305,7 +313,7 @@ def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) ->
 def _parts(count: int, model: _Curvature) -> Iterator[slice]:
     """Columns that are solved for together."""
     numbers = 8 * model.chains.own.size + 6 * model.errors.weight.size
-    most = max(1, min(count, _ROOM // (8 * numbers)))
+    most = max(8, min(count, _ROOM // (8 * numbers)))
     return (slice(first, min(first + most, count)) for first in range(0, count, most))
 
 

@@ -13,4 +13,5 @@ from poseppl.motion.tracking.problem import (
 )
 from poseppl.motion.tracking.scene import Scene as Scene
 from poseppl.motion.tracking.smooth import SmoothSettings as SmoothSettings, smooth as smooth
+from poseppl.motion.tracking.smoothed_recording import smooth_recording as smooth_recording
 from poseppl.motion.tracking.track import TrackSettings as TrackSettings, TrackStopped as TrackStopped, track as track

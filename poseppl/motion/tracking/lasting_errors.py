@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from poseppl_models.bodies.detected_points import seen_by_detector
 
 from poseppl.arrays import Floats, Integers
@@ -138,7 +140,17 @@ def with_no_errors(history: History, problem: Problem) -> History:
 
     Limbs are bent to the side to which people's are, for the smoother keeps to the mode that it starts in.
     """
-    body, particles = problem.body, jnp.asarray(history.particles)
-    beside = problem.model.dimension - particles.shape[-1]
-    poses = bent_as_at_rest(body.tree, jnp.asarray(body.rest, float), particles, jnp.asarray(history.log_weights))
-    return history._replace(particles=jnp.pad(poses, ((0, 0), (0, 0), (0, beside))))
+    beside = problem.model.dimension - jnp.shape(history.particles)[-1]
+    return history._replace(particles=jnp.pad(_bent(history, problem.body), ((0, 0), (0, 0), (0, beside))))
+
+
+def filtered_poses(history: History, problem: Problem) -> Floats:
+    """Mean poses (T, d) of a filter, with limbs bent to the side to which people's are."""
+    shares = jax.nn.softmax(jnp.asarray(history.log_weights), 1)
+    return np.asarray(jnp.einsum("tn,tnd->td", shares, _bent(history, problem.body)), np.float64)
+
+
+def _bent(history: History, body: Body) -> Array:
+    rest, particles = jnp.asarray(body.rest, float), jnp.asarray(history.particles)
+    bent: Array = bent_as_at_rest(body.tree, rest, particles, jnp.asarray(history.log_weights))
+    return bent

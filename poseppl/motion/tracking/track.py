@@ -31,6 +31,7 @@ from poseppl.runs.filter_history import HISTORY_MIB
 from poseppl.runs.outcome import result_kwargs
 from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
+from poseppl.runs.smoothing import SmoothingRun
 
 Walk = Literal["fixed", "learned", "mean-reverting"]
 _ROOM = 2**28
@@ -167,7 +168,7 @@ class Tracking(NamedTuple):
 
     def result(self, run: Run, **told: Any) -> xr.DataTree:
         """The result of a run of the scene, or of its first frames, with diagnostics."""
-        result = _result(self.scene, self.problem, run, {**self.record, **told})
+        result = result_of_scene(self.scene, self.problem, run, {**self.record, **told})
         return with_statures(diagnose(result), self.problem.model)
 
 
@@ -179,11 +180,11 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     """
     name = settings.filter or usual_filter(scene, settings)
     settings = settings._replace(walk=settings.walk or usual_walk(scene, settings), filter=name)
-    _check(settings)
+    check_settings(settings)
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
         scene = learn_markers(scene, params)
-    problem = _problem(scene, settings, params)
+    problem = problem_of_settings(scene, settings, params)
     built, options = FILTERS[name].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
@@ -223,7 +224,12 @@ def usual_walk(scene: Scene[SceneData], settings: TrackSettings) -> Walk:
     return "mean-reverting" if alone and scene.body.postures and scales == (None,) * 3 else "fixed"
 
 
-def _check(settings: TrackSettings) -> None:
+def check_settings(settings: TrackSettings) -> None:
+    """Refuse settings that are out of range, or do not go together.
+
+    Raises:
+        InputError: One of them is.
+    """
     if not 0 <= settings.seed < 2**32:
         raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
     if settings.max_draws is not None and settings.max_draws < 1:
@@ -240,7 +246,7 @@ def _check(settings: TrackSettings) -> None:
         raise InputError("the random walk is the prior's own", field="--prior", expected=expected)
 
 
-def _problem(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
+def problem_of_settings(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
     """The scene's problem, with the walk or the prior that is asked for."""
     problem = make_problem(scene, params, mean_reverting=settings.walk == "mean-reverting")
     if settings.prior is not None:
@@ -295,8 +301,11 @@ def affordable_draws(problem: Problem, chains: int) -> int:
     return int(max(2, min(draws, 1000)))
 
 
-def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
-    count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
+def result_of_scene(
+    scene: Scene[SceneData], problem: Problem, run: Run | SmoothingRun, attrs: Mapping[str, Any]
+) -> xr.DataTree:
+    """The result of a run of a scene, or of its first frames, or of its smoothing, without diagnostics."""
+    count = len(run.info.ess)  # a run that stopped has fewer frames than its scene
     scene, parts = scene.first_frames(count), result_kwargs(run)
     parts["sample_stats"] |= scene.data.quality(scene, parts["summary"]["state_mean"])
     body, tree = scene.body, scene.body.tree

@@ -9,6 +9,9 @@ from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
+from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.tracking.problem import Problem, body_inputs
+from poseppl.runs.run import Constant
 
 EVERY = 1 / 15
 """Seconds between frames whose poses are sought; the others are between them."""
@@ -30,3 +33,10 @@ def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
     bent = bent_as_at_rest(body.tree, rest, drawn, jnp.zeros(drawn.shape[:2]))
     poses = np.asarray(bent, np.float64)[:, 0]
     return np.stack([np.interp(when, when[chosen], column) for column in poses.T], 1)
+
+
+def triangulated_places(problem: Problem, points: Floats) -> Floats:
+    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, which weigh as much as they are sure; NaN elsewhere."""
+    own = body_inputs(problem.inputs)
+    noise = np.asarray(own.noise.value if isinstance(own.noise, Constant) else own.noise, np.float64)
+    return triangulate(own.cameras.value, points, np.broadcast_to((noise.min() / noise) ** 2, points.shape[:-1]))
