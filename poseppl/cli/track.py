@@ -34,7 +34,7 @@ from poseppl.cli.track_keypoints import (
     write_exported,
 )
 from poseppl.cli.track_live import live_table, tell_lines_left, track_live
-from poseppl.cli.track_smooth import check_smooth_usage, smooth_option, smoothed, smoothed_target
+from poseppl.cli.track_smooth import check_smooth_usage, goes_straight, smooth_option, smoothed, smoothed_target
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -75,7 +75,9 @@ Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
   poseppl-NAME-METHOD.nc  smoothed, each frame given all, and its picture: with --smooth, and of
-                    keypoints by laplace, or assumed-density in one camera, unless --online
+                    keypoints by laplace, or assumed-density in one camera, unless --online;
+                    of several cameras' keypoints the only result, unless --filter, --set or
+                    --checkpoint ask for a filter's
   poseppl-NAME-METHOD.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
                     poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
   poseppl-NAME_live.csv  of --live: a line a frame as it comes: joints in mm with 90 % intervals
@@ -106,8 +108,9 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--filter",
     "filter_name",
     metavar="NAME",
-    help="Which algorithm; poseppl filters lists them. [default: kalman for markers, assumed-density for --keypoints and "
-    "--video, switching with --prior]",
+    help="Which algorithm; poseppl filters lists them. [default: kalman for markers, assumed-density for --video and for "
+    "--keypoints of one camera or with --online, switching with --prior; recorded keypoints of several cameras are smoothed "
+    "without a filter]",
 )
 @settings_option
 @smooth_option
@@ -191,12 +194,15 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     from poseppl.threads import spare_threads
 
     spare_threads(options["devices"])  # here, since bodies start JAX as they are imported
+    straight = goes_straight(options)
     options["filter_name"] = _filter_of(options)
     _check_usage(recording, observations, options)
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     words += words_of_keypoints(options["keypoints"]).values()
     stem = stem_of(recording or observations or (words[0] if words else None), options["person"])
     target = output_path(options["output"], stem, ".nc")
+    straight = straight and not wants_points(options)
+    target = smoothed_target(options, target) or target if straight else target
     picture = target.with_suffix(".png")
     tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration", "detector_errors")]
     inputs = [recording, observations, *tables, *words]
@@ -204,7 +210,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     if options["checkpoint"]:
         check_new_folder(options["checkpoint"], "--checkpoint")
     check_kind_of_keypoints(options)
-    later = None if wants_points(options) else smoothed_target(options, target)
+    later = None if straight or wants_points(options) else smoothed_target(options, target)
     beside = [] if later is None else [later, later.with_suffix(".png")]
     check_writable([*beside, *exported_targets(options, later or target)], inputs)
     sources = open_sources(options) if options["video"] else None
@@ -220,7 +226,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         return
     try:
         with progress.running():
-            tree, problem, scene = _run(recording, observations, sources, options, target, progress)
+            tree, problem, scene = _run(recording, observations, sources, options | {"straight": straight}, target, progress)
             progress.stage("drawing")
             files = write_outputs(tree, target, progress.note)
             files += [("frame by frame", path) for path in live_table(options, target)]
@@ -282,7 +288,14 @@ def _run(
     from poseppl.cli.files import tell_replaced
     from poseppl.motion.io import read_cameras
     from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL as SILHOUETTES
-    from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
+    from poseppl.motion.tracking import (
+        TrackSettings,
+        TrackStopped,
+        observe_motion,
+        scene_of_observations,
+        smooth_recording,
+        track,
+    )
     from poseppl.motion.tracking.default_body import DEFAULT_MODEL
     from poseppl.motion.tracking.walk import ASSUMED_RATE
     from poseppl.runs.algorithms import FILTERS
@@ -321,6 +334,9 @@ def _run(
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
     if not options["checkpoint"]:
         tell_replaced(target, progress)
+    if options["straight"]:
+        progress.stage(f"smoothing {len(scene.frames)} frames")
+        return smooth_recording(scene, settings), None, scene
     progress.stage("compiling", total=len(scene.frames))
     try:
         tree = track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])

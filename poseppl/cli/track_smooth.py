@@ -29,6 +29,15 @@ def check_smooth_usage(options: dict[str, Any]) -> None:
             raise click.UsageError(f"--smooth does not go with --{name}")
 
 
+_OF_FILTER = ("filter_name", "settings", "smooth_method", "online", "live", "prior", "checkpoint", "resume")
+"""Options that ask for a filter, or for what only a filter does."""
+
+
+def goes_straight(options: dict[str, Any]) -> bool:
+    """Whether a recording is smoothed without a filter: keypoints of several cameras, where nobody asks for one."""
+    return len(options["keypoints"]) > 1 and options["devices"] == 1 and not any(options.get(name) for name in _OF_FILTER)
+
+
 def smoothing_method(options: dict[str, Any]) -> str | None:
     """The smoother that is asked for, or that keypoints get unless somebody says otherwise.
 

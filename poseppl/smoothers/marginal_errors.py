@@ -265,18 +265,32 @@ def gaussian_around(
         factor = model.factor(problem.kept)
         if spread is None:
             spread = _expected(model, factor, rng)
-    steps = np.concatenate([x for x, _ in _perturbed(model, factor, rng, num_draws)], 1)
+    steps = _matched(np.concatenate([x for x, _ in _perturbed(model, factor, rng, num_draws)], 1), 1)
     variance = np.empty_like(mode.x)
     for frame, covariance in factor.covariances():
         variance[frame] = np.diagonal(covariance)[: mode.x.shape[1]]
     if unchanging is None:
         return Around(steps, np.zeros((num_draws, 0)), variance)
-    drawn = rng.standard_normal((num_draws, len(unchanging.root))) @ unchanging.root.T
+    drawn = _matched(rng.standard_normal((num_draws, len(unchanging.root))), 0, whiten=True) @ unchanging.root.T
     response = np.concatenate(list(_responses(model, factor, unchanging)), 1)
     for t in range(len(steps)):
         steps[t] -= drawn @ response[t]
         variance[t] += np.square(response[t].T @ unchanging.root).sum(1)
     return Around(steps, drawn, variance)
+
+
+def _matched(draws: Floats, axis: int, *, whiten: bool = False) -> Floats:
+    """Draws whose mean is the true one, 0, and, where they are many and standard normal (S, p), whose covariance is the true one.
+
+    What all frames share would else be off by as much in all frames.
+    """
+    count = draws.shape[axis]
+    if count < 2:
+        return draws
+    found: Floats = (draws - draws.mean(axis, keepdims=True)) * np.sqrt(count / (count - 1))
+    if whiten and count > 2 * draws.shape[1]:
+        found = np.linalg.solve(np.linalg.cholesky(found.T @ found / count), found.T).T
+    return found
 
 
 def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -> Floats:

@@ -52,8 +52,9 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
     check_settings(settings)
     if settings.prior is not None or scene.body.free is not None or len(scene.camera_names) < 2:
         raise InputError(
-            "a recording is smoothed without a filter from points of a whole body in two cameras or more, without a prior",
-            expected="track() and smooth()",
+            "without a filter only a whole body, in two cameras or more and without a prior, is smoothed",
+            field="--filter",
+            expected="kalman or assumed-density",
         )
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":

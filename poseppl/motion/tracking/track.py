@@ -307,6 +307,7 @@ def result_of_scene(
     """The result of a run of a scene, or of its first frames, or of its smoothing, without diagnostics."""
     count = len(run.info.ess)  # a run that stopped has fewer frames than its scene
     scene, parts = scene.first_frames(count), result_kwargs(run)
+    parts["sample_stats"].setdefault("failed", np.zeros(count, bool))  # a smoothing without a filter has no such frames
     parts["sample_stats"] |= scene.data.quality(scene, parts["summary"]["state_mean"])
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)
