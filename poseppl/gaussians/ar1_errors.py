@@ -5,8 +5,8 @@ precision Q, and u_t with precision G_t (2, 2), 0 where the datum is missing. Gi
 
     P = (G^-1 + ratio^2 Q^-1)^-1 = G - ratio^2 G (Q + ratio^2 G)^-1 G
 
-is what a is known by, which costs O(T) a series: Q + ratio^2 G is banded, and missing data need no care. Arrays of N columns are
-(N, M, T, 2).
+is what a is known by, which costs O(T) a series: Q + ratio^2 G is banded, and missing data need no care. Arrays of N columns
+are (N, M, T, 2).
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Innovations of x_t (n,), of which the first d coordinates p walk along the next 
 
     own_t x_t - before_t x_(t-1) - offset_t,      and in the first d rows        + along_t v_t - along_before_t v_(t-1).
 
-So a product with the precision F^T F costs O(T n), and the blocks B_t beside the diagonal are sparse. With information H_t (n, n)
-of the data, S_t = H_t + (F^T F)_tt - B_t S_(t-1)^-1 B_t^T,
+So a product with the precision F^T F costs O(T n), and the blocks B_t beside the diagonal are sparse. With information H_t
+(n, n) of the data, S_t = H_t + (F^T F)_tt - B_t S_(t-1)^-1 B_t^T,
 
     (F^T F + H) x = r :    g_t = r_t - B_t S_(t-1)^-1 g_(t-1),    x_t = S_t^-1 (g_t - B_(t+1)^T x_(t+1)).
 
@@ -74,7 +74,7 @@ class WalkChains(NamedTuple):
     def below(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
         """B_t r for rows r (..., n) of the frame before."""
         walk, pace = self._parts
-        found = (-self.own[frame] * self.before[frame]) * rows
+        found: NDArray[Any] = (-self.own[frame] * self.before[frame]) * rows
         moved = self.before[frame, walk] * rows[..., walk] + self.along_before[frame] * rows[..., pace]
         found[..., walk] = -self.own[frame, walk] * moved
         found[..., pace] -= self.along[frame] * moved
@@ -199,7 +199,9 @@ def conjugate_gradients(
     x, r, z = np.zeros_like(b), b.copy(), factor.solve(b)
     direction, size = z, inner(b, z)
     goal, floor = tolerance**2 * size, np.finfo(np.float64).tiny
-    for count in range(1, most + 1):
+    count = 0
+    while count < most:
+        count += 1
         image = multiply(direction)
         length = size / np.maximum(inner(direction, image), floor)
         x += length * direction

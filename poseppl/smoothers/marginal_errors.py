@@ -2,21 +2,21 @@ r"""Laplace's approximation of a trajectory whose data have autocorrelated error
 
 A trajectory x of coordinates that walk (:mod:`poseppl.gaussians.walk_chains`) is seen in pairs of numbers,
 
-    y = location(x) + scale (ratio e + u),      e autoregressive of variance 1,      u of the density (1 + |u|^2 / nu)^(-nu / 2),
+    y = location(x) + scale (ratio e + u),     e autoregressive, of variance 1,     u ~ (1 + |u|^2 / nu)^(-nu / 2),
 
-the model that :func:`poseppl.smoothers.laplace.laplace_smoother` treats with e in its state. Here e is eliminated: its best value,
-given x, is linear in the residuals, and Newton's system in x alone is
+the model that :func:`poseppl.smoothers.laplace.laplace_smoother` treats with e in its state. Here e is eliminated: its best
+value, given x, is linear in the residuals, and Newton's system in x alone is
 
     (F^T F + J^T P J) dx = b,      P = G - ratio^2 G (Q + ratio^2 G)^-1 G      (:mod:`poseppl.gaussians.ar1_errors`).
 
-P couples distant frames, so the system is solved by conjugate gradients. The preconditioner is that of reduced errors: of e only
-the part that looks like a step of what is seen is kept, a few coordinates more in each frame (:meth:`View.reduced`). Where J, G and
-kept are the same in all frames nothing else of e matters, and one iteration is exact; usually two or three are enough.
+P couples distant frames, so the system is solved by conjugate gradients. The preconditioner is that of reduced errors: only the
+part of e that looks like a step of what is seen is kept, a few coordinates more in each frame (:meth:`View.reduced`). If J, G
+and kept are the same in all frames, nothing else of e matters, and one iteration is exact; usually two or three are enough.
 
-The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws solve for
-data and prior perturbed by their own noise, which is exact for the Gaussian; standard deviations are those of the reduced errors,
-without Monte Carlo error. The curvature is taken at errors as large as they are expected to be, and parameters that do not change
-keep their prior, as in :mod:`poseppl.smoothers.cut_laplace`.
+The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws solve
+for data and prior perturbed by their own noise, which is exact for the Gaussian. Standard deviations are those of the reduced
+errors, without Monte Carlo error. The curvature is taken at errors as large as they are expected to be, and parameters that do
+not change keep their prior, as in :mod:`poseppl.smoothers.cut_laplace`.
 """
 
 from __future__ import annotations
@@ -224,9 +224,7 @@ def _potential(problem: SeenWalk, x: Floats, e: Floats, weight: float) -> float:
     return found if np.isfinite(found) else np.inf
 
 
-def _around_data(
-    problem: SeenWalk, u: Floats, spread: Floats | None = None, *, bent: bool
-) -> tuple[Floats, Floats]:
+def _around_data(problem: SeenWalk, u: Floats, spread: Floats | None = None, *, bent: bool) -> tuple[Floats, Floats]:
     """Minus the gradient of the potential by the location (M, T, 2), and its curvature (M, T, 2, 2), 0 where it is negative.
 
     Args:
@@ -258,13 +256,13 @@ def gaussian_around(
         unchanging: What is not known of the parameters that do not change; None if they are exact.
     """
     view, u = problem.view(mode.x), problem.residuals(mode.x) - problem.ratio * mode.errors
-    spread, factor = None, None
-    for _ in range(2):  # at errors of the mode, then at those that are expected
-        curvature = _around_data(problem, u, spread, bent=True)[1]
-        model = _Curvature(view, ar1_errors(problem.kept, problem.ratio, curvature), problem.chains)
-        factor = model.factor(problem.kept)
-        if spread is None:
-            spread = _expected(model, factor, rng)
+
+    def about(spread: Floats | None) -> tuple[_Curvature, WalkFactor]:
+        errors = ar1_errors(problem.kept, problem.ratio, _around_data(problem, u, spread, bent=True)[1])
+        model = _Curvature(view, errors, problem.chains)
+        return model, model.factor(problem.kept)
+
+    model, factor = about(_expected(*about(None), rng))
     steps = _matched(np.concatenate([x for x, _ in _perturbed(model, factor, rng, num_draws)], 1), 1)
     variance = np.empty_like(mode.x)
     for frame, covariance in factor.covariances():
@@ -280,17 +278,17 @@ def gaussian_around(
 
 
 def _matched(draws: Floats, axis: int, *, whiten: bool = False) -> Floats:
-    """Draws whose mean is the true one, 0, and, where they are many and standard normal (S, p), whose covariance is the true one.
+    """Draws whose mean is 0, as the true one; if asked, many standard normal ones (S, p) have the true covariance, too.
 
     What all frames share would else be off by as much in all frames.
     """
     count = draws.shape[axis]
     if count < 2:
         return draws
-    found: Floats = (draws - draws.mean(axis, keepdims=True)) * np.sqrt(count / (count - 1))
+    found = (draws - draws.mean(axis, keepdims=True)) * np.sqrt(count / (count - 1))
     if whiten and count > 2 * draws.shape[1]:
         found = np.linalg.solve(np.linalg.cholesky(found.T @ found / count), found.T).T
-    return found
+    return np.asarray(found, np.float64)
 
 
 def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -> Floats:
@@ -303,9 +301,7 @@ def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -
     return found / count
 
 
-def _perturbed(
-    model: _Curvature, factor: WalkFactor, rng: np.random.Generator, count: int
-) -> Iterator[tuple[Floats, Floats]]:
+def _perturbed(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, count: int) -> Iterator[tuple[Floats, Floats]]:
     """Draws of x (T, N, n) and e (N, M, T, 2), by parts: the modes of data and prior with noise of their own."""
     errors, (num_frames, size) = model.errors, model.chains.own.shape
     root = _square_root(errors.weight)

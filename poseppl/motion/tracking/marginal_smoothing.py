@@ -46,7 +46,6 @@ class _Drawn(NamedTuple):
     errors: Any
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # threads of small matrices wait for each other, and spin
 def smooth_marginally(
     inputs: Any, points: Floats, poses: Floats, *, seed: int, num_draws: int, max_draws: int, num_mode_steps: int = 100
 ) -> SmoothingRun:
@@ -67,14 +66,14 @@ def smooth_marginally(
     started, processor = time.perf_counter(), time.process_time()
     body, rng = seen_body(inputs, points), np.random.default_rng(seed)
     problem = body.problem()
-    size = problem.chains.own.size
-    num_draws = min(num_draws, max(_LEAST, _NUMBERS // size))
-    mode = find_mode(problem, body.states(poses), most=num_mode_steps)
-    around = gaussian_around(problem, mode, rng, num_draws, body.unchanging(mode.x))
+    num_draws = min(num_draws, max(_LEAST, _NUMBERS // problem.chains.own.size))
+    with threadpool_limits(limits=1, user_api="blas"):  # threads of small matrices wait for each other, and spin
+        mode = find_mode(problem, body.states(poses), most=num_mode_steps)
+        around = gaussian_around(problem, mode, rng, num_draws, body.unchanging(mode.x))
     if not np.isfinite(around.variance).all() or not np.isfinite(around.steps).all():
         raise SmoothingError("the smoothed states are not finite: the model breaks down")
-    outputs = _outputs(body, mode, around, rng, max_draws)
-    info = smoothing_info(len(poses), np.asarray(num_draws), num_gradient=mode.num_steps * len(poses))
+    outputs = jax.tree.map(np.asarray, _outputs(body, mode, around, rng, max_draws))
+    info = smoothing_info(len(poses), jnp.asarray(float(num_draws)), num_gradient=mode.num_steps * len(poses))
     told = {"closed form": True, "joint": True}
     seconds, spent = time.perf_counter() - started, time.process_time() - processor
     return SmoothingRun(outputs, jax.tree.map(np.asarray, info), num_draws, 0.0, seconds, told, spent)
@@ -86,12 +85,14 @@ def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generato
     kept = np.unique(np.linspace(0, count - 1, min(max_draws, count)).astype(int))
     lengths, errors = np.split(around.unchanging, [num_lengths], 1)
     unseen = _unseen_shifts(body, len(mode.x), count, rng)
-    parts: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    parts: list[tuple[dict[str, Any], ...]] = []
     for rows in _blocks(len(mode.x)):
         x = mode.x[rows, None] + around.steps[rows]
         drawn = _Drawn(x[..., :width], body.shifts(x) + next(unseen), lengths, errors)
         parts.append(_kept_of_block(body, drawn, x[..., width : 2 * width], kept))
-    extras, sites, summary = ({name: np.concatenate([part[i][name] for part in parts]) for name in parts[0][i]} for i in range(3))
+    extras, sites, summary = (
+        {name: jnp.asarray(np.concatenate([part[i][name] for part in parts])) for name in parts[0][i]} for i in range(3)
+    )
     state = sites.pop("state")
     spans = joint_sites(body.tree.coordinates)
     sites = {**{name: state[..., span] for name, span in spans.items()}, **sites}
@@ -138,7 +139,7 @@ def _exact_summary(body: SeenBody, mode: Mode, around: Around, spans: dict[str, 
     for name, (mean, own) in moments.items():
         each = mean[:, None] + levels.reshape(-1, *[1] * (mean.ndim - 1)) * own[:, None]
         told |= {f"{name}_mean": mean, f"{name}_sd": own, f"{name}_quantile": each}
-    return {name: np.asarray(values, np.float32) for name, values in told.items()}
+    return {name: jnp.asarray(values, jnp.float32) for name, values in told.items()}
 
 
 def _unseen_shifts(body: SeenBody, num_frames: int, count: int, rng: np.random.Generator) -> Iterator[Floats]:

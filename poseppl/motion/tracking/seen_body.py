@@ -31,7 +31,7 @@ from poseppl.smoothers.marginal_errors import SeenWalk, Unchanging
 FRAMES = 64
 """That are linearised together: programs are compiled for so many, whatever the length of a recording."""
 _RIDGE = 1e-4, 1e-5
-"""On what points tell of a place, of its trace, and 1 / mm^2: along the ray of a marker that one camera sees, nothing is told."""
+"""On what points tell of a place, of its trace, and 1 / mm^2: they tell nothing along the ray of a marker in one camera."""
 
 
 class SeenBody(NamedTuple):
@@ -87,7 +87,7 @@ class SeenBody(NamedTuple):
     def residuals(self, x: Floats) -> Floats:
         """Residuals (M, T, 2) of a trajectory (T, n), in units of the scale."""
         (seen,) = self._evaluated(_locate, x)
-        return self._of_points(seen)
+        return self._in_units(self.points - seen[:, :, self.markers])
 
     def view(self, x: Floats) -> BodyView:
         """The data linearised about a trajectory (T, n)."""
@@ -119,14 +119,12 @@ class SeenBody(NamedTuple):
                 camera, which = divmod(index - num_lengths, 6)
                 change = np.zeros(by_length.shape[:-1])
                 change[:, camera] = by_camera[:, camera, ..., which]
-            found.append(self._scaled(change))
+            found.append(self._in_units(change[:, :, self.markers]))
         return np.stack(found)
 
-    def _of_points(self, seen: Floats) -> Floats:
-        return _by_series(np.where(self.known[..., None], (self.points - seen[:, :, self.markers]) / self.scale[..., None], 0.0))
-
-    def _scaled(self, change: Floats) -> Floats:
-        return _by_series(np.where(self.known[..., None], change[:, :, self.markers] / self.scale[..., None], 0.0))
+    def _in_units(self, offset: Floats) -> Floats:
+        """Offsets (T, C, K, 2) of the seen markers' points by series, in units of the scale; 0 where not seen."""
+        return _by_series(np.where(self.known[..., None], offset / self.scale[..., None], 0.0))
 
     def _evaluated(self, program: Callable[..., Any], x: Floats, *more: Any) -> tuple[Floats, ...]:
         """A program of poses and shifts, frame by frame, in blocks of :data:`FRAMES`."""
@@ -151,7 +149,7 @@ def seen_body(inputs: Any, points: Floats) -> SeenBody:
     own = jax.tree.map(
         lambda leaf: leaf.value if isinstance(leaf, Constant) else leaf, inputs, is_leaf=lambda leaf: isinstance(leaf, Constant)
     )
-    known = np.isfinite(points).all(-1)
+    known = np.asarray(np.isfinite(points).all(-1))
     markers = np.flatnonzero(known.any((0, 1)))
     seen = np.where(known[..., None], points, 0.0)[:, :, markers]
     share = float(own.errors.error_share)
@@ -224,7 +222,8 @@ class BodyView(NamedTuple):
 def _walk_along_velocities(own: BodyInputs) -> WalkChains:
     """Poses and velocities; see ``poseppl_models.bodies.detected_points``."""
     steps, start, spread = (np.asarray(each, np.float64) for each in (own.step_scale, own.start, own.start_scale))
-    scale, kept, along = (np.asarray(each, np.float64) for each in own.velocities)
+    paces: Any = own.velocities
+    scale, kept, along = (np.asarray(each, np.float64) for each in paces)
     left, mean = np.ones_like(steps), np.zeros_like(steps)
     if own.posture is not None:
         left = np.asarray(own.posture.kept, np.float64)
@@ -259,7 +258,9 @@ def _locate(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) 
     return (jax.vmap(lambda pose, shift: project(cameras, marker_positions(tree, pose) + shift))(poses, shifts),)
 
 
-def _points(tree: KinematicTree, cameras: Cameras, pose: Array, shift: Array, lengths: Array, per_length: Any, errors: Array) -> Any:
+def _points(
+    tree: KinematicTree, cameras: Cameras, pose: Array, shift: Array, lengths: Array, per_length: Any, errors: Array
+) -> DetectedPoints:
     shape = (cameras.centre.shape[0], len(tree.marker_names))
     return DetectedPoints(
         tree,

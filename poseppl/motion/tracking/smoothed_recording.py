@@ -1,7 +1,7 @@
 """A recording of points in several cameras, smoothed at once: nobody who has all frames needs a filter.
 
-Triangulation and inverse kinematics are where the smoother starts (:mod:`poseppl.motion.tracking.triangulated_start`); its model
-is that of autocorrelated errors (:mod:`poseppl.motion.tracking.lasting_errors`).
+Triangulation and inverse kinematics are where the smoother starts (:mod:`poseppl.motion.tracking.triangulated_start`). Its
+model is that of autocorrelated errors (:mod:`poseppl.motion.tracking.lasting_errors`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         )
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
-        scene = learn_markers(scene, params)
+        scene = learn_markers(scene, params)  # type: ignore[assignment]
     problem, points = problem_of_settings(scene, settings, params), np.asarray(scene.data.points, np.float64)
     places = triangulated_places(problem, points)
     if not np.isfinite(places).any():

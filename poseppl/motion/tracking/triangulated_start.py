@@ -36,7 +36,7 @@ def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
 
 
 def triangulated_places(problem: Problem, points: Floats) -> Floats:
-    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, which weigh as much as they are sure; NaN elsewhere."""
+    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, weighted by their noise; NaN elsewhere."""
     own = body_inputs(problem.inputs)
     noise = np.asarray(own.noise.value if isinstance(own.noise, Constant) else own.noise, np.float64)
     return triangulate(own.cameras.value, points, np.broadcast_to((noise.min() / noise) ** 2, points.shape[:-1]))
