@@ -4,8 +4,9 @@
 
 The man on a beam of pose2sim_balancing, 100 frames of 25 points of OpenPose in four cameras. Reading the files, finding the
 person and his sizes; the default, a smoother of errors that last without a filter; filters, and smoothers after them: that of
-errors that last, and that of Rauch, Tung and Striebel, of independent errors. Errors are distances of joints from the triangulation by all four
-cameras. Nothing is taken from the compile cache; seconds are of the clock, the median of those after the first.
+errors that last, and that of Rauch, Tung and Striebel, of independent errors. Errors are distances of joints from the
+triangulation by all four cameras. Nothing is taken from the compile cache; seconds are of the clock, the median of those after
+the first.
 """
 
 from __future__ import annotations

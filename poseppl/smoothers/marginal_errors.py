@@ -42,8 +42,8 @@ _NOTHING = 1e-4
 deviation, all of it in the direction that is known least."""
 _NEAR = 1.0
 """With less, steps are by the curvature itself, not by that of a quadratic above the density."""
-_STALE = 5
-"""Iterations from which on the preconditioner is made again."""
+_STALE = 9
+"""Iterations from which on the preconditioner is made again; it costs as much as a dozen."""
 _STEP, _DRAW = 1e-2, 2e-2
 """Residuals of the solutions for steps, which are corrected by later ones, and for draws."""
 _SPREAD_DRAWS = 48
@@ -176,7 +176,7 @@ def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100, least: float
         slope, curvature = _around_data(problem, r - problem.ratio * e, bent=promised < _NEAR)
         errors = ar1_errors(problem.kept, problem.ratio, weight * curvature)
         model = _Curvature(view, errors, problem.chains)
-        if factor is None or stale >= _STALE or count <= len(_WEIGHTS):
+        if factor is None or stale >= _STALE:
             factor = model.factor(problem.kept)
         off = problem.chains.innovations(x[:, None]) - problem.chains.offset[:, None]
         of_x = view.pulled(weight * slope[None]) - problem.chains.pulled(off)

@@ -31,7 +31,7 @@ from poseppl.smoothers.marginal_errors import Around, Mode, find_mode, gaussian_
 
 NUM_DRAWS = 200
 """Trajectories that are drawn, unless told otherwise: moments of the state need none."""
-_NUMBERS = 2**28
+_NUMBERS = 2**26
 """In the draws of a trajectory; a long recording has fewer draws."""
 _LEAST = 20
 """Draws at least."""
