@@ -3,10 +3,10 @@
     POSEPPL_DATA=FOLDER python -m benchmarks.long_keypoints [--quick] [--output long-keypoints]
 
 The built-in walk along a circle in the middle of four calibrated cameras (h36m_cameras) at 60 frames a second, seen by a
-detector of 25 points whose errors are drawn from the tracker's own programs (studies/laboratory_rig.py). Detections in memory become
-points of a person, and these a smoothed result. Each length runs in a process of its own, which has compiled nothing; memory
-is the largest that it had. Errors are distances of joints from the true ones. The goal is that 10,000 frames take less than
-300 seconds and 4,096 MiB.
+detector of 25 points whose errors are drawn from the tracker's own programs (studies/laboratory_rig.py). Detections in memory
+become points of a person, and these a smoothed result. Each length runs in a process of its own, which has compiled nothing;
+memory is the largest that it had. Errors are distances of joints from the true ones. The goal is that 10,000 frames take less
+than 300 seconds and 4,096 MiB.
 """
 
 from __future__ import annotations
