@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.errors import PosepplError
@@ -122,12 +123,12 @@ class Around(NamedTuple):
     """The Gaussian about a mode.
 
     Attributes:
-        steps: Draws (T, S, n), less the mode.
-        unchanging: Draws of c (S, p) that go with them.
+        steps: Draws (T, S, n), less the mode; their mean is 0, as the true one.
+        unchanging: Draws of c (S, p) that go with them; of many draws mean and covariance are the true ones.
         variance: Of x (T, n).
     """
 
-    steps: Floats
+    steps: NDArray[np.float32]
     unchanging: Floats
     variance: Floats
 
@@ -264,32 +265,42 @@ def gaussian_around(
         return model, model.factor(problem.kept)
 
     model, factor = about(_expected(*about(None), rng))
-    steps = _matched(np.concatenate([x for x, _ in _perturbed(model, factor, rng, num_draws)], 1), 1)
+    steps, done = np.empty((len(mode.x), num_draws, mode.x.shape[1]), np.float32), 0
+    for x, _ in _perturbed(model, factor, rng, num_draws):
+        steps[:, done : done + x.shape[1]] = x
+        done += x.shape[1]
+    _centre(steps)
     variance = np.empty_like(mode.x)
     for frame, covariance in factor.covariances():
         variance[frame] = np.diagonal(covariance)[: mode.x.shape[1]]
     if unchanging is None:
         return Around(steps, np.zeros((num_draws, 0)), variance)
-    drawn = _matched(rng.standard_normal((num_draws, len(unchanging.root))), 0, whiten=True) @ unchanging.root.T
-    response = np.concatenate(list(_responses(model, factor, unchanging)), 1)
+    drawn = _whitened(rng.standard_normal((num_draws, len(unchanging.root)))) @ unchanging.root.T
+    response = _responses(model, factor, unchanging)
     for t in range(len(steps)):
         steps[t] -= drawn @ response[t]
         variance[t] += np.square(response[t].T @ unchanging.root).sum(1)
     return Around(steps, drawn, variance)
 
 
-def _matched(draws: Floats, axis: int, *, whiten: bool = False) -> Floats:
-    """Draws whose mean is 0, as the true one; if asked, many standard normal ones (S, p) have the true covariance, too.
+def _centre(steps: NDArray[np.float32]) -> None:
+    """Take the mean of draws (T, S, n) from them, frame by frame, and keep their variance; of one draw nothing is left."""
+    count = steps.shape[1]
+    for own in steps if count > 1 else ():
+        own -= own.mean(0)
+        own *= np.sqrt(count / (count - 1))
+
+
+def _whitened(draws: Floats) -> Floats:
+    """Standard normal draws (S, p), of which many have just the mean and the covariance that they should have.
 
     What all frames share would else be off by as much in all frames.
     """
-    count = draws.shape[axis]
-    if count < 2:
+    count, size = draws.shape
+    if count <= 2 * size:
         return draws
-    found = (draws - draws.mean(axis, keepdims=True)) * np.sqrt(count / (count - 1))
-    if whiten and count > 2 * draws.shape[1]:
-        found = np.linalg.solve(np.linalg.cholesky(found.T @ found / count), found.T).T
-    return np.asarray(found, np.float64)
+    centred = draws - draws.mean(0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(centred.T @ centred / count), centred.T).T, np.float64)
 
 
 def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -> Floats:
@@ -314,17 +325,20 @@ def _perturbed(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, 
         yield model.solve(factor, of_x, of_e, _DRAW)[:2]
 
 
-def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) -> Iterator[Floats]:
-    """How the mode falls (T, p, n) with each parameter that does not change, by parts."""
+def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) -> NDArray[np.float32]:
+    """How the mode falls (T, p, n) with each parameter that does not change."""
+    num_frames, size = model.chains.own.shape
+    found = np.empty((num_frames, len(unchanging.root), size), np.float32)
     for part in _parts(len(unchanging.root), model):
         right = model.view.pulled(model.errors.precision(unchanging.seen(part)))
-        yield conjugate_gradients(model.multiply, factor, right, _DRAW)[0]
+        found[:, part] = conjugate_gradients(model.multiply, factor, right, _DRAW)[0]
+    return found
 
 
 def _parts(count: int, model: _Curvature) -> Iterator[slice]:
     """Columns that are solved for together."""
     numbers = 8 * model.chains.own.size + 6 * model.errors.weight.size
-    most = max(8, min(count, _ROOM // (8 * numbers)))
+    most = max(2, min(count, _ROOM // (8 * numbers)))
     return (slice(first, min(first + most, count)) for first in range(0, count, most))
 
 
