@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
-from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.tracking.problem import Problem, body_inputs
 from poseppl.runs.run import Constant
@@ -18,7 +16,7 @@ EVERY = 1 / 15
 
 
 def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
-    """Poses (T, d) whose markers lie closest to places (T, K, 3), mm, NaN where unknown; limbs are bent as at rest.
+    """Poses (T, d) whose markers lie closest to places (T, K, 3), mm, NaN where unknown; rest decides where hinges bend to.
 
     Args:
         body: The body.
@@ -29,10 +27,7 @@ def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
     known = np.flatnonzero(np.isfinite(places).all(-1).any(-1))
     chosen = known[np.unique(np.floor((when[known] - when[known[0]]) / EVERY), return_index=True)[1]]
     states, _ = fit_states(body.tree, places[chosen], body.rest)
-    drawn, rest = jnp.asarray(states[:, None], float), jnp.asarray(body.rest, float)
-    bent = bent_as_at_rest(body.tree, rest, drawn, jnp.zeros(drawn.shape[:2]))
-    poses = np.asarray(bent, np.float64)[:, 0]
-    return np.stack([np.interp(when, when[chosen], column) for column in poses.T], 1)
+    return np.stack([np.interp(when, when[chosen], column) for column in states.T], 1)
 
 
 def triangulated_places(problem: Problem, points: Floats) -> Floats:
