@@ -17,7 +17,7 @@ from poseppl.cli import main
 from poseppl.cli.keypoint_words import calibration_of
 from poseppl.cli.subject import stem_of
 from poseppl.cli.track_keypoints import exported_targets
-from poseppl.cli.track_smooth import smoothed_target
+from poseppl.cli.track_smooth import goes_straight, smoothed_target
 from poseppl.motion.io import CameraRecord, open_video, write_cameras
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
@@ -53,6 +53,37 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
         assert list(found) == [f"cam_0{c}" for c in (1, 2, 3, 4)]
         assert max(camera["turned"] for camera in found.values()) > 0.5
         assert all(0 < camera["noise"] < 30 and camera["agreement"] == 1.0 for camera in found.values())
+
+
+@pytest.mark.full
+def test_nobody_needs_a_filter(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The smoothed result is the only one, and whatever reads results reads it."""
+    small = ["--frames", "0:12:3", "--max-draws", "50", "-o", "out.nc"]
+    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
+    assert re.search(r"smoother +│ +laplace", "".join(capsys.readouterr()))
+    assert sorted(path.name for path in Path().glob("*.nc")) == ["out-laplace.nc"]
+    known = provenance(load_result("out-laplace.nc"))
+    assert known["errors"] == "lasting" and "filter" not in known
+    assert main(["report", "out-laplace.nc", "-q"]) == 0 and Path("out-laplace.html").is_file()
+    assert read_trc("out-laplace.trc").positions.shape == (4, 17, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, True),
+        ({"keypoints": ("a=pose",)}, False),
+        ({"online": True}, False),
+        ({"filter_name": "kalman"}, False),
+        ({"settings": {"num_particles": "9"}}, False),
+        ({"smooth_method": "trajectory"}, False),
+        ({"checkpoint": "run"}, False),
+        ({"prior": "walk.nc"}, False),
+        ({"devices": 2}, False),
+    ],
+)
+def test_who_asks_for_a_filter(options: dict[str, object], expected: bool) -> None:
+    assert goes_straight({"keypoints": ("a=pose", "b=pose"), "devices": 1, **options}) is expected
 
 
 @pytest.mark.full

@@ -33,6 +33,8 @@ NUM_DRAWS = 200
 """Trajectories that are drawn, unless told otherwise: moments of the state need none."""
 _NUMBERS = 2**26
 """In the draws of a trajectory; a long recording has fewer draws."""
+_ROOM = 2**28
+"""Bytes of the draws that are kept, unless told otherwise."""
 _LEAST = 20
 """Draws at least."""
 
@@ -47,7 +49,7 @@ class _Drawn(NamedTuple):
 
 
 def smooth_marginally(
-    inputs: Any, points: Floats, poses: Floats, *, seed: int, num_draws: int, max_draws: int, num_mode_steps: int = 100
+    inputs: Any, points: Floats, poses: Floats, *, seed: int, num_draws: int, max_draws: int | None, num_mode_steps: int = 100
 ) -> SmoothingRun:
     """Smooth.
 
@@ -57,7 +59,7 @@ def smooth_marginally(
         poses: (T, d) to start from.
         seed: Of the draws.
         num_draws: Trajectories that are drawn; fewer if a recording is long.
-        max_draws: How many of them are kept.
+        max_draws: How many of them are kept; as many as fit into 256 MiB if None.
         num_mode_steps: Gauss-Newton steps at most.
 
     Raises:
@@ -72,11 +74,18 @@ def smooth_marginally(
         around = gaussian_around(problem, mode, rng, num_draws, body.unchanging(mode.x))
     if not np.isfinite(around.variance).all() or not np.isfinite(around.steps).all():
         raise SmoothingError("the smoothed states are not finite: the model breaks down")
-    outputs = jax.tree.map(np.asarray, _outputs(body, mode, around, rng, max_draws))
+    outputs = jax.tree.map(np.asarray, _outputs(body, mode, around, rng, max_draws or _affordable_draws(body, len(poses))))
     info = smoothing_info(len(poses), jnp.asarray(float(num_draws)), num_gradient=mode.num_steps * len(poses))
     told = {"closed form": True, "joint": True}
     seconds, spent = time.perf_counter() - started, time.process_time() - processor
     return SmoothingRun(outputs, jax.tree.map(np.asarray, info), num_draws, 0.0, seconds, told, spent)
+
+
+def _affordable_draws(body: SeenBody, num_frames: int) -> int:
+    """How many draws fit into the room for them."""
+    markers, cameras = len(body.tree.marker_names), body.points.shape[1]
+    values = markers * (6 + 2 * cameras) + 3 * body.dimension + len(body.inputs.errors.length_root) + 6 * cameras
+    return max(2, _ROOM // (4 * values * num_frames))
 
 
 def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generator, max_draws: int) -> Draws:

@@ -184,8 +184,7 @@ def smooth_points(
     options = laplace.complete(given)
     lengths = None if offsets is None else _measured_lengths(problem, points, offsets)
     inputs = ar1_inputs(problem, frames, rate, _camera_covariance(known, problem), lengths, poses)
-    max_draws = settings.max_draws or affordable_draws(problem, 1)
-    return smooth_marginally(inputs, points, poses, seed=settings.seed, max_draws=max_draws, **options), options
+    return smooth_marginally(inputs, points, poses, seed=settings.seed, max_draws=settings.max_draws, **options), options
 
 
 def _measured_lengths(problem: Problem, points: Floats, offsets: KinematicTree) -> MeasuredLengths:
