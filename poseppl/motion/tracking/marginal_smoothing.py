@@ -85,7 +85,7 @@ def _affordable_draws(body: SeenBody, num_frames: int) -> int:
     """How many draws fit into the room for them."""
     markers, cameras = len(body.tree.marker_names), body.points.shape[1]
     values = markers * (6 + 2 * cameras) + 3 * body.dimension + len(body.inputs.errors.length_root) + 6 * cameras
-    return max(2, _ROOM // (4 * values * num_frames))
+    return int(max(2, _ROOM // (4 * values * num_frames)))
 
 
 def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generator, max_draws: int) -> Draws:
