@@ -23,6 +23,9 @@ from scipy.linalg import lapack
 
 from poseppl.arrays import Floats
 
+_ROOM = 2**28
+"""Bytes of gains: some 3,400 frames of 140 coordinates."""
+
 
 class WalkChains(NamedTuple):
     """The innovations of T frames, in units of their standard deviations.
@@ -80,6 +83,15 @@ class WalkChains(NamedTuple):
         found[..., pace] -= self.along[frame] * moved
         return found
 
+    def above(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
+        """B_t^T r for rows r (..., n) of the frame."""
+        walk, pace = self._parts
+        found: NDArray[Any] = (-self.own[frame] * self.before[frame]) * rows
+        moved = self.own[frame, walk] * rows[..., walk] + self.along[frame] * rows[..., pace]
+        found[..., walk] = -self.before[frame, walk] * moved
+        found[..., pace] -= self.along_before[frame] * moved
+        return found
+
     def diagonal_blocks(self) -> tuple[Floats, Floats]:
         """Blocks of F^T F on the diagonal: their own diagonals (T, n), and between coordinates and their velocities (T, d)."""
         walk, pace = self._parts
@@ -110,47 +122,63 @@ class WalkFactor(NamedTuple):
     """A precision F^T F + H, ready for solving; in float32, which is as good for a preconditioner.
 
     Attributes:
+        chains: F.
         inverses: S_t^-1 (T, n, n).
-        gains: (B_(t+1) S_t^-1)^T (T - 1, n, n).
+        gains: (B_(t+1) S_t^-1)^T (T - 1, n, n); None where there is no room for them, and products with both take their place.
     """
 
+    chains: WalkChains
     inverses: NDArray[np.float32]
-    gains: NDArray[np.float32]
+    gains: NDArray[np.float32] | None
 
     def solve(self, r: Floats) -> Floats:
         """(F^T F + H)^-1 r for r (T, N, m), whose last n - m coordinates are 0, and are left out of the answer."""
         found = np.zeros((*r.shape[:2], self.inverses.shape[1]), np.float32)
         found[..., : r.shape[2]] = r
-        for t, gain in enumerate(self.gains):
-            found[t + 1] -= found[t] @ gain
-        found = found @ self.inverses
+        for t in range(len(found) - 1):
+            found[t + 1] -= self._carried(t, found[t])
+        for t, inverse in enumerate(self.inverses):
+            found[t] = found[t] @ inverse
         for t in range(len(found) - 2, -1, -1):
-            found[t] -= found[t + 1] @ self.gains[t].T
+            found[t] -= self._brought_back(t, found[t + 1])
         return np.asarray(found[..., : r.shape[2]], np.float64)
+
+    def _carried(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
+        """B_(t+1) S_t^-1 r for rows r (..., n)."""
+        if self.gains is not None:
+            return np.asarray(rows @ self.gains[frame])
+        return self.chains.below(frame + 1, rows @ self.inverses[frame])
+
+    def _brought_back(self, frame: int, rows: NDArray[Any]) -> NDArray[Any]:
+        """S_t^-1 B_(t+1)^T r for rows r (..., n)."""
+        if self.gains is not None:
+            return np.asarray(rows @ self.gains[frame].T)
+        return np.asarray(self.chains.above(frame + 1, rows) @ self.inverses[frame])
 
     def covariances(self) -> Iterator[tuple[int, Floats]]:
         """The frames and their covariances (n, n), from the last to the first."""
         following = np.asarray(self.inverses[-1], np.float64)
         yield len(self.inverses) - 1, following
-        for t in range(len(self.gains) - 1, -1, -1):
-            gain = np.asarray(self.gains[t], np.float64)
-            following = self.inverses[t] + gain @ following @ gain.T
+        for t in range(len(self.inverses) - 2, -1, -1):
+            following = self.inverses[t] + self._brought_back(t, self._brought_back(t, following).T)
             yield t, following
 
 
-def walk_factor(chains: WalkChains, information: Iterable[Floats]) -> WalkFactor:
+def walk_factor(chains: WalkChains, information: Iterable[Floats], *, room: int = _ROOM) -> WalkFactor:
     """Factorise F^T F + H.
 
     Args:
         chains: F, of n coordinates.
         information: H_t (n, n), frame by frame.
+        room: Bytes of gains, which make solving faster; if they take more, there are none.
 
     Raises:
         numpy.linalg.LinAlgError: It is not positive definite.
     """
     (count, size), width = chains.own.shape, chains.along.shape[1]
     diagonal, between = chains.diagonal_blocks()
-    inverses, gains = (np.empty((length, size, size), np.float32) for length in (count, count - 1))
+    inverses = np.empty((count, size, size), np.float32)
+    gains = None if inverses.nbytes > room else np.empty((count - 1, size, size), np.float32)
     inverse, i, j = np.zeros((size, size)), np.arange(size), np.arange(width)
     for t, told in enumerate(information):
         block = told.copy()
@@ -159,11 +187,12 @@ def walk_factor(chains: WalkChains, information: Iterable[Floats]) -> WalkFactor
         block[width + j, j] += between[t]
         if t:
             gain = chains.below(t, inverse)
-            gains[t - 1] = gain
+            if gains is not None:
+                gains[t - 1] = gain
             block -= chains.below(t, gain.T)
         inverse = _inverse(block)
         inverses[t] = inverse
-    return WalkFactor(inverses, gains)
+    return WalkFactor(WalkChains(*(np.asarray(part, np.float32) for part in chains)), inverses, gains)
 
 
 def _inverse(matrix: Floats) -> Floats:

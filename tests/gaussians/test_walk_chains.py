@@ -45,7 +45,8 @@ def test_what_lasts_is_stationary() -> None:
     np.testing.assert_allclose(np.diag(covariance, 1), 4.0 * kept[1:])
 
 
-def test_transposes_and_solutions_are_those_of_dense_matrices(chains: WalkChains) -> None:
+@pytest.mark.parametrize("room", [0, 2**20])
+def test_transposes_and_solutions_are_those_of_dense_matrices(chains: WalkChains, room: int) -> None:
     rng, root = np.random.default_rng(2), dense(chains)
     b = rng.normal(size=(T, 3, 7))
 
@@ -57,7 +58,8 @@ def test_transposes_and_solutions_are_those_of_dense_matrices(chains: WalkChains
     whole = root.T @ root
     for t, told in enumerate(information):
         whole[7 * t : 7 * t + 7, 7 * t : 7 * t + 7] += told
-    inverse, factor = np.linalg.inv(whole), walk_factor(chains, information)
+    inverse, factor = np.linalg.inv(whole), walk_factor(chains, information, room=room)
+    assert (factor.gains is None) == (room == 0)
     np.testing.assert_allclose(columns(factor.solve(b)), inverse @ columns(b), rtol=1e-3, atol=1e-4)
     for t, covariance in factor.covariances():
         np.testing.assert_allclose(covariance, inverse[7 * t : 7 * t + 7, 7 * t : 7 * t + 7], rtol=1e-3, atol=1e-4)
