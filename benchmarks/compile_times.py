@@ -85,7 +85,7 @@ def track_walk(case: Case, num_frames: int, folder: Path) -> Any:
     prior = str(folder / PRIOR) if case.prior else None
     return track(
         scene, TrackSettings(filter=case.name, options=case.options, prior=prior, other_motion=case.name != "activity-guided")
-    )
+    ).result
 
 
 def prepare(case: Case, num_frames: int, folder: Path) -> None:

@@ -66,10 +66,10 @@ def main() -> None:
     scene, *seconds = timed(lambda: scene_of(DATA / FOLDER, CAMERAS, f"0:{num_frames}"), repetitions)
     reference, trees = places_of(scene), {}
     rows: list[tuple[Any, ...]] = [("files to points of a person", *seconds, np.nan, np.nan)]
-    tree, *seconds = timed(lambda: smooth_recording(scene.scene), repetitions)
+    tree, *seconds = timed(lambda: smooth_recording(scene.scene).result, repetitions)
     rows.append((STRAIGHT, *seconds, *errors(tree, reference)))
     for name, settings in FILTERS.items():
-        trees[name], *seconds = timed(lambda settings=settings: track(scene.scene, settings), repetitions)  # type: ignore[misc]
+        trees[name], *seconds = timed(lambda settings=settings: track(scene.scene, settings).result, repetitions)  # type: ignore[misc]
         rows.append((name, *seconds, *errors(trees[name], reference)))
     for name, (start, chosen) in SMOOTHERS.items():
         tree, *seconds = timed(lambda start=trees[start], chosen=chosen: smooth(start, chosen), repetitions)  # type: ignore[misc]

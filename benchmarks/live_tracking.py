@@ -29,6 +29,7 @@ from poseppl.cli.live_table import LiveTable
 from poseppl.motion.io import read_calibration
 from poseppl.motion.io.growing_folders import GrowingFolders, KeypointFrame
 from poseppl.motion.keypoints.live import LiveTrack
+from poseppl.motion.keypoints.settings import LiveSettings
 from poseppl.motion.tracking import TrackSettings
 from poseppl.runs.run import run_filter
 
@@ -84,7 +85,7 @@ def measure(filter: str, recording: Path, folders: dict[str, Path], scratch: Pat
     calibration = read_calibration(recording / "calibration" / "Calib_qualisys.toml", "m")
     frames = GrowingFolders(folders).frames(Event())
     first = list(itertools.islice(frames, FIRST))
-    track = LiveTrack(folders, calibration, first, TrackSettings(filter=filter), lambda note: None, rate=RATE)
+    track = LiveTrack(LiveSettings(folders, calibration, rate=RATE), first, TrackSettings(filter=filter), lambda note: None)
     table = LiveTable(scratch / "live.csv", RATE, print)
     table.begin(track.markers)
     live(track, frames, table, UNCOUNTED)

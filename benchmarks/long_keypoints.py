@@ -46,7 +46,7 @@ def measured(num_frames: int) -> dict[str, float]:
     marks = [(time.perf_counter(), time.process_time())]
     found = scene_of_keypoints(detected.people, records, rate=RATE, clocks=Clocks(RATE, find=False))
     marks.append((time.perf_counter(), time.process_time()))
-    tree = smooth_recording(found.scene)
+    tree = smooth_recording(found.scene).result
     marks.append((time.perf_counter(), time.process_time()))
     seen = np.isfinite(found.scene.data.points).any((0, 1, 3))
     places = detected.places[found.scene.frames - int(found.scene.frames[0])]

@@ -33,7 +33,7 @@ def main() -> None:
         scene = observe_motion(subject, cameras_around(subject, count=1), camera_names(1))
         compiled.clear()
         started = time.process_time()
-        tree = track(scene, TrackSettings(filter="assumed-density", max_draws=50))
+        tree = track(scene, TrackSettings(filter="assumed-density", max_draws=50)).result
         seconds, count = time.process_time() - started, len(compiled)
         rows.append([walk, f"{seconds:.1f}", f"{float(tree.attrs['compile_seconds']):.2f}", str(count)])
     show("One session", ["recording", "processor s", "s of compilation", "programs"], rows)

@@ -148,7 +148,7 @@ picture
 
 # %%
 settings = TrackSettings(filter="assumed-density", sigma_position=40.0 * 30**0.5, max_draws=20)
-seen_by_one = track(one_eye, settings)
+seen_by_one = track(one_eye, settings).result
 numbers = measure_run(seen_by_one)
 print(f"mean joint error {numbers.joint_error:.0f} mm; coverage of 90 % intervals {numbers.coverage:.0%}")
 
@@ -235,7 +235,7 @@ print(f"{share:.1%} of the arms lean as the true one does: {both.mean(0).round()
 # And the whole body.
 
 # %%
-seen_by_two = track(two_eyes, settings)
+seen_by_two = track(two_eyes, settings).result
 along_two, across_two = spread(seen_by_two)
 numbers_two = measure_run(seen_by_two)
 print(f"two cameras: {np.median(along_two):.0f} mm along the first one's line of sight, {np.median(across_two):.0f} mm across")

@@ -105,9 +105,9 @@ with tempfile.TemporaryDirectory() as folder:
     prior = str(Path(folder) / "walk.nc")
     write_motion_model(model, prior)
     results = {
-        "no prior": track(scene),
-        "activity alone": track(scene, TrackSettings(filter="switching", prior=prior, other_motion=False)),
-        "activity or other motion": track(scene, TrackSettings(filter="switching", prior=prior)),
+        "no prior": track(scene).result,
+        "activity alone": track(scene, TrackSettings(filter="switching", prior=prior, other_motion=False)).result,
+        "activity or other motion": track(scene, TrackSettings(filter="switching", prior=prior)).result,
     }
 
 

@@ -34,6 +34,7 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.keypoints.scene import scene_of_keypoints
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import angle_estimates
@@ -122,7 +123,7 @@ print(len(list(folder.rglob("*.json"))), "files")
 # Before it tracks, it reports on the cameras. The one that was touched is named, and its pose is corrected:
 
 # %%
-found = scene_of_keypoints(folders, read_cameras(folder / "Calib.toml"), rate=walker.rate, layout="body25")
+found = scene_of_keypoints(KeypointSettings(folders, read_cameras(folder / "Calib.toml"), rate=walker.rate, layout="body25"))
 for note in found.notes():
     print(note)
 turned = np.degrees(np.linalg.norm(found.refined.turn, axis=-1))
@@ -135,7 +136,7 @@ print({name: f"{degrees:.1f} degrees" for name, degrees in zip(found.scene.camer
 # errors as they are, lasting and heavy-tailed.
 
 # %%
-filtered = track(found.scene, TrackSettings(filter="kalman", max_draws=200))
+filtered = track(found.scene, TrackSettings(filter="kalman", max_draws=200)).result
 smoothed = smooth(filtered, SmoothSettings("laplace", errors="lasting", max_draws=300))
 
 # %%

@@ -91,7 +91,7 @@ def runs(scenes: Iterator[Scene[SilhouetteData]], filters: Sequence[str], number
     for scene in scenes:
         for name in filters:
             for seed in range(number):
-                yield track(scene, TrackSettings(filter=name, seed=seed, **WALK))
+                yield track(scene, TrackSettings(filter=name, seed=seed, **WALK)).result
             jax.clear_caches()  # programs of many filters together are more than a process may map
 
 

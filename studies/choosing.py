@@ -113,7 +113,7 @@ def tracked(trial: Trial) -> xr.DataTree:
     walk = walking_subject(frames=f"0:{trial.frames}")
     scene = observe_motion(walk, place_cameras(walk.markers[:, 0], 0.0, count=1), camera_names(1), seed=trial.seed)
     filter, settings = VARIANTS.get(trial.filter, (trial.filter, {}))
-    return diagnose(track(scene, TrackSettings(filter=filter, options=settings, seed=trial.seed, max_draws=100)))
+    return diagnose(track(scene, TrackSettings(filter=filter, options=settings, seed=trial.seed, max_draws=100)).result)
 
 
 def error_of(tree: xr.DataTree) -> float:

@@ -64,7 +64,7 @@ def judged(case: Case, path: Path | None) -> list[str]:
     if path is not None and path.is_file():
         tree = load_result(path)
     else:
-        tree = track(case.scene(), case.settings)
+        tree = track(case.scene(), case.settings).result
         if path is not None:
             save_result(tree, path)
     numbers = measure_run(diagnose(tree))

@@ -31,6 +31,7 @@ from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 
 SETS = ((1,), (2,), (3,), (4,), (1, 4), (2, 4), (1, 2, 4))
@@ -53,7 +54,9 @@ def adjusted_cameras(folder: Path) -> list[CameraRecord]:
 def scene_of(folder: Path, cameras: tuple[int, ...], frames: str | None) -> KeypointScene:
     """What these cameras saw."""
     folders = {f"cam_0{c}": folder / "pose" / f"cam0{c}_json" for c in cameras}
-    return scene_of_keypoints(folders, adjusted_cameras(folder), rate=60, refine=False, frames=frames)
+    return scene_of_keypoints(
+        KeypointSettings(folders, adjusted_cameras(folder), rate=60, keep=("calibration",), frames=frames)
+    )
 
 
 def places_of(found: KeypointScene) -> Any:
@@ -142,7 +145,7 @@ def main() -> None:
     reference, rows = places_of(full), []
     for cameras in SETS:
         found = scene_of(folder, cameras, frames)
-        filtered = track(found.scene, TrackSettings())
+        filtered = track(found.scene, TrackSettings()).result
         answers = {"filter": filtered}
         if len(cameras) == 1:
             answers["smoother, assumed density"] = smooth(filtered, SmoothSettings("assumed-density"))

@@ -8,7 +8,7 @@ Activities are learned from walks of cmu_walks, up to three of each person, with
 frames of a recording at 30 Hz are seen by one camera as points with noise of 0.003 focal lengths, 3 px; with --scenes as
 silhouettes found in the video of camera_1 of FOLDER/RECORDING, whose empty room is known, with noise in mm. A case is
 
-alone      the learned activity as the prior (`--prior --prior-alone`)
+alone      the learned activity as the prior (`--prior, --set other_motion=false`)
 mixture    the same or other motion, as the data tell (`--prior`)
 default    the default tracker without a prior
 
@@ -115,7 +115,7 @@ def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, sc
         seen = look(Path(scenes) / name, num_frames, SilhouetteSettings(noise=noise) if prior else None)
     else:
         seen = watch(data, name, num_frames, int(seed))
-    tree = track(seen, settings)
+    tree = track(seen, settings).result
     told = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
     return *(f"{value:.5g}" for value in judge(tree)), *told
 

@@ -32,6 +32,7 @@ from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import read_cameras
 from poseppl.motion.points.files import read_point_recording
 from poseppl.motion.points.named_points import FREEDOM, PointRecording, logits
+from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.points.smoothing import PointTracks, smooth_points
 
 CAMERAS, NETWORKS = ("Cam-A", "Cam-B", "Cam-C"), (0, 1, 2)
@@ -58,7 +59,7 @@ def fly(folder: Path, network: int | None, frames: str | None) -> PointRecording
         middle = np.median([one.points for one in each], 0)
         return each[0]._replace(points=middle, confidence=np.mean([one.confidence for one in each], 0))
     files = {name: next(folder.glob(f"*{name}*rng={network}.csv")) for name in CAMERAS}
-    return read_point_recording(files, read_cameras(folder / "calibration.toml"), frames=frames)
+    return read_point_recording(PointSettings(files, read_cameras(folder / "calibration.toml"), frames=frames))
 
 
 def images(recording: PointRecording, tracks: PointTracks) -> Floats:
@@ -144,7 +145,7 @@ def board_table(folder: Path, quick: bool) -> Table:
     """Rows by the cameras that are used; frames and corners count that all of them see."""
     records = read_cameras(folder / "camera_array.toml")
     files = {record.name: folder / "xy_CHARUCO.csv" for record in records}
-    read, rows = read_point_recording(files, records), []
+    read, rows = read_point_recording(PointSettings(files, records)), []
     together = np.flatnonzero(np.isfinite(read.points).any((2, 3)).all(1))
     whole = read.of_frames(together)
     for count in (2, 3, 4):

@@ -23,7 +23,7 @@ from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.keypoints.scene import scene_of_keypoints
-from poseppl.motion.keypoints.sources import Clocks
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from studies.kept_runs import keep_run, read_runs
 from studies.laboratory_rig import LAYOUT, RIG, detect, rig_records
@@ -44,10 +44,9 @@ def answers(name: str, camera: str, noise: str, walk: Any) -> dict[str, tuple[fl
     subject = recorded(DATA, name, seed)
     records = [rig_records(DATA)[RIG[4][(seed + later) % 4]]]
     detected = detect(subject, records, np.random.default_rng([seed, 1 + later]), clutter=False)
-    clocks = Clocks(subject.rate, find=False)
     known = subject.body.noise if noise == "body" else None
-    found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks, noise=known)
-    filtered = track(found.scene, TrackSettings(walk=walk))
+    found = scene_of_keypoints(KeypointSettings(detected.people, records, rate=subject.rate, keep=("clocks",), noise=known))
+    filtered = track(found.scene, TrackSettings(walk=walk)).result
     trees = {"filter": filtered} | {method: smooth(filtered, SmoothSettings(method)) for method in SMOOTHERS}
     markers = list(subject.body.tree.marker_names)
     seen = [markers.index(marker) for marker in markers_of_names(LAYOUTS[LAYOUT]) if marker in markers]

@@ -55,7 +55,7 @@ def judged(folder: Path, walk: str, cameras: int, filter: str, count: int) -> li
     whole = recorded_subject(folder / file, skeleton and folder / skeleton, frames=f"0::{step}")
     subject = whole._replace(states=whole.states[:count], markers=whole.markers[:count], frames=whole.frames[:count])
     scene = observe_motion(subject, cameras_around(subject, count=cameras), camera_names(cameras), seed=0)
-    tree = diagnose(track(scene, TrackSettings(filter=filter)))
+    tree = diagnose(track(scene, TrackSettings(filter=filter)).result)
     checks = prediction_of(tree)
     assert checks is not None
     figures, found = predictive_figures(checks.data), check_predictions(checks.data)

@@ -96,7 +96,7 @@ def see(
 
 def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:
     """Error, relative error, coverage, seconds a frame, and of compilation."""
-    tree = track(seen, TrackSettings(filter=name, seed=seed, sigma_position=40.0 * 30.0**0.5))
+    tree = track(seen, TrackSettings(filter=name, seed=seed, sigma_position=40.0 * 30.0**0.5)).result
     numbers, known = measure_run(tree), provenance(tree)
     found = (
         numbers.joint_error,

@@ -7,7 +7,7 @@ People of cmu_walks and opensim_mocap walk in the middle of a laboratory's four 
 degrees apart. What a detector finds there is drawn from the programs that the tracker has of it
 (studies/laboratory_rig.py): places beside the joints, 20 mm or none, errors that last, heavy tails, clutter, gaps, exchanged
 limbs, cameras that stand a little elsewhere than the calibration says. It is tracked as `poseppl track --keypoints ...
---keep-clocks` does: cameras mended, limbs put right, noise and segment lengths measured, then the filter of --filter and the
+--keep clocks` does: cameras mended, limbs put right, noise and segment lengths measured, then the filter of --filter and the
 smoother of lasting errors. Truth are the places that were projected, and the angles, as OpenSim has them, of the body that fits
 the recording. "aligned" is after one turn and shift of the whole recording, for the world is known as well as the cameras.
 An angle is told by the keypoints where their places within 20 mm tell it to within 10 degrees; "ideal" is to how many.
@@ -36,7 +36,7 @@ from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints
-from poseppl.motion.keypoints.sources import Clocks
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import Estimates, angle_estimates, place_estimates
 from poseppl.motion.tracking.lasting_errors import SHIFT
@@ -156,9 +156,8 @@ def run(folder: Path, name: str, cameras: int, case: str, filter: str, seed: int
     subject = recorded(folder, name, seed)
     records = [rig_records(folder)[c] for c in RIG[cameras]]
     detected = detect(subject, records, np.random.default_rng([seed, cameras]), **CASES[case])
-    clocks = Clocks(subject.rate, find=False)
-    found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks)
-    filtered = track(found.scene, TrackSettings(filter=filter))
+    found = scene_of_keypoints(KeypointSettings(detected.people, records, rate=subject.rate, keep=("clocks",)))
+    filtered = track(found.scene, TrackSettings(filter=filter)).result
     tree = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
     truth = truth_of(subject, detected, found.scene.frames)
     names = list(subject.body.tree.marker_names)

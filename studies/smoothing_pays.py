@@ -84,11 +84,12 @@ def runs_of(data: Path, key: tuple[str, str, str, str], methods: list[str], num_
     name, seen, cameras, seed = key
     other: dict[str, Any] = {"sigma_position": 40.0 * 30.0**0.5, "model": DEFAULT_MODEL} if seen == SILHOUETTES else {}
     scene = watch(data, name, seen, int(cameras), num_frames, int(seed))
-    filtered = track(scene, TrackSettings(filter="assumed-density", seed=int(seed), **other))
+    tracked = track(scene, TrackSettings(filter="assumed-density", seed=int(seed), **other))
+    filtered = tracked.result
     rows = [(*key, FILTER, *judge(filtered), float(filtered.attrs["wall_seconds"]) / num_frames)]
     for method in methods:
         began = time.perf_counter()
-        smoothed = smooth(filtered, SmoothSettings(method, SMOOTHERS[method], seed=int(seed)), scene)
+        smoothed = smooth(tracked, SmoothSettings(method, SMOOTHERS[method], seed=int(seed)))
         rows.append((*key, method, *judge(smoothed), (time.perf_counter() - began) / num_frames))
     return rows
 

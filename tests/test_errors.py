@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 import poseppl
 from poseppl.checks import check_at_least, check_choice
 from poseppl.cli import main
-from poseppl.errors import InputError, SettingError, brief, cut
+from poseppl.errors import Argument, InputError, Location, Phrase, PosepplError, SettingError, brief, cut, worded
 
 LONG = "a" * 30_000
 
@@ -56,3 +57,18 @@ def test_messages_cut_values_by_one_function() -> None:
     files = [file for part in ("files", "cli", "motion", "runs") for file in (root / part).rglob("*.py")]
     lines = [f"{file}: {line}" for file in files for line in file.read_text("utf-8").splitlines() if sliced.search(line)]
     assert not [line for line in lines if "hexdigest" not in line and "shape[:" not in line]
+
+
+def test_messages_name_arguments_as_data() -> None:
+    inner = Phrase("late, and ", Argument("offset", 3.5), " sets it")
+    error = Location("a.json").in_field(Argument("files")).error("no {frame}\n", Phrase("none; ", inner))
+    assert str(error) == "a.json, files: no {frame}? (expected none; late, and offset=3.5 sets it)"
+    assert (
+        worded(error, lambda argument: f"<{argument.name}>")
+        == "a.json, <files>: no {frame}? (expected none; late, and <offset> sets it)"
+    )
+    assert worded(pickle.loads(pickle.dumps(error)), str) == str(error)
+    assert worded(PosepplError("plain"), repr) == "plain" and worded(3, repr) == "3" and type(worded(inner, str)) is str
+    setting = SettingError("num_chains", "many", "expected a number")
+    assert str(setting) == "num_chains='many': expected a number"
+    assert worded(setting, lambda argument: f"{argument.name}={argument.value}") == "num_chains=many: expected a number"

@@ -26,7 +26,7 @@ def methods(given: Given) -> dict[str, Callable[[], Answer]]:
     cameras, frames = tuple(int(number) for number in given.cameras), f"0:{len(given.points)}"
 
     def smoothed() -> Answer:
-        tree = smooth_recording(scene_of(folder, cameras, frames).scene)
+        tree = smooth_recording(scene_of(folder, cameras, frames).scene).result
         draws = np.asarray(tree["posterior/markers"].values, np.float64)
         names = [str(name) for name in tree["summary"]["marker"].values]
         draws = draws.reshape(-1, *draws.shape[2:])[:, :, [names.index(name) for name in given.names]]

@@ -24,6 +24,7 @@ from poseppl.cli.export import export as export_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.overlay import overlay as overlay_command
+from poseppl.cli.remedies import as_options
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.run import run as run_command
@@ -32,7 +33,7 @@ from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
-from poseppl.errors import MAX_SHOWN, PosepplError, SettingError, cut
+from poseppl.errors import MAX_SHOWN, PosepplError, cut
 from poseppl.files.atomic_writing import files_written
 from poseppl.files.cache_folder import ensure_home
 
@@ -65,7 +66,7 @@ Examples:
   poseppl export poseppl-02_01.nc            joints and angles for OpenSim, with intervals
   poseppl overlay poseppl-02_01.nc cam1.mp4   skeletons over a video
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
-  poseppl track --help                       every option
+  poseppl track keypoints --help             the options of a source
   poseppl doctor                             what is installed, and what is missing
 """,
 )
@@ -110,6 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug, written = "--debug" in given, list[Path]()
+    given = [word for word in given if word != "--debug"]  # it may stand anywhere
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     ensure_home()
@@ -125,10 +127,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"interrupted; {_told(written)}", debug)
         end_by_signal(number := signal_of(error))
         return 128 + number
-    except SettingError as error:
-        _say(f"--set {error}", debug)
     except PosepplError as error:
-        _say(str(error), debug)
+        _say(as_options(error), debug)
     except BrokenPipeError:
         sys.stderr.close()
     except OSError as error:

@@ -7,19 +7,19 @@ from typing import Any
 
 import click
 
-from poseppl.cli.checks import FRAMES, RATE, InputFile, check_inputs
-from poseppl.cli.keypoint_words import words_of_keypoints
-from poseppl.cli.options import common_options, seed_option
-from poseppl.cli.track_keypoints import check_source_words, keypoint_recording, source_options
-from poseppl.cli.track_video import ManyFiles
+from poseppl.cli.checks import InputFile, check_inputs, file_of_pair, words_of_files
+from poseppl.cli.options import common_options, made, option_group, options_of, seed_option
+from poseppl.cli.settings import ManyFiles
+from poseppl.motion.keypoints.settings import KeypointSettings
+
+_OPTIONS = ("calibration", "rate", "frames", "unit", "up", "detector", "layout", "camera", "person", "keep")
 
 EXAMPLES = """
 \b
 Examples:
-  poseppl calibrate-detector openpose --keypoints cam1=pose/cam1 cam2=pose/cam2 cam3=pose/cam3
+  poseppl calibrate-detector openpose cam1=pose/cam1 cam2=pose/cam2 cam3=pose/cam3
       --calibration Calib.toml --rate 60
-  poseppl track --keypoints cam1=other/cam1 cam2=other/cam2 --calibration Other.toml
-      --detector-errors openpose.json
+  poseppl track keypoints cam1=other/cam1 cam2=other/cam2 --calibration Other.toml --noise openpose.json
       The errors that were found, for another recording by the same detector.
 
 \b
@@ -29,17 +29,29 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
 
+class CalibrateCommand(ManyFiles):
+    """The command, whose files may stand after `--keypoints`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, as click does."""
+        return super().parse_args(ctx, [word for word in args if word != "--keypoints"])
+
+
 @click.command(
     "calibrate-detector",
-    cls=ManyFiles,
+    cls=CalibrateCommand,
     epilog=EXAMPLES,
     short_help="Learn the errors of a detector's keypoints.",
 )
 @click.argument("name")
-@source_options
-@click.option("--calibration", metavar="FILE", type=InputFile(folders=True), required=True, help="The calibrated cameras.")
-@click.option("--frames", metavar="A:B:C", type=FRAMES, help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
-@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second. [default: 30]")
+@click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    metavar="CAMERA=FILE...",
+    type=InputFile(folders=True, paths=file_of_pair),
+)
+@option_group(*options_of(KeypointSettings, *_OPTIONS))
 @seed_option("Of the draws.")
 @common_options
 def calibrate_detector(name: str, **options: Any) -> None:
@@ -48,26 +60,27 @@ def calibrate_detector(name: str, **options: Any) -> None:
     Three cameras or more see a person. What each of them sees is compared with what the others tell of it: the scale of each
     keypoint's error, how it grows as the logit of the confidence falls, and how many points are clutter. The table says how
     many of the coordinates lie in intervals of 50 and 90 %, in each half of the recording with the errors found in the other,
-    and with the noise that poseppl track takes without them. poseppl track --detector-errors NAME.json takes the errors.
+    and with the noise that poseppl track takes without them. poseppl track keypoints --noise NAME.json takes the errors.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
-    from poseppl.cli.files import check_writable
+    from poseppl.cli.files import check_writable, files_read
 
-    if not options["keypoints"]:
-        raise click.UsageError("give --keypoints of three cameras or more")
-    check_source_words(options)
+    settings = made(KeypointSettings, options | {"files": words_of_files(options["files"])})
     check_inputs()
     target = Path(name if name.endswith(".json") else f"{name}.json")
-    check_writable([target], [*words_of_keypoints(options["keypoints"]).values(), options["calibration"]])
+    check_writable([target], files_read(settings))
 
     from poseppl.motion.keypoints.detector_calibration import calibrate_detector as calibrate
     from poseppl.motion.keypoints.detector_files import write_detector_errors
+    from poseppl.motion.keypoints.scene import scene_of_keypoints
 
     progress = ConsoleProgress(options["quiet"])
     start_jax()
     with progress.running():
         progress.stage("reading")
-        found = keypoint_recording(options | dict.fromkeys(("noise", "stature", "lengths", "detector_errors")), progress)
+        found = scene_of_keypoints(settings)
+        for note in found.notes():
+            progress.note(note)
         progress.stage("calibrating")
         result = calibrate(found, options["seed"])
     write_detector_errors(result.errors, target)

@@ -55,16 +55,6 @@ def number(expected: str, accepts: Callable[[float], bool], kind: Any = click.FL
     return Checked(check, kind)
 
 
-def known_name(names: Callable[[], Iterable[str]]) -> Checked:
-    """One of some names, which are asked for when there is a name to check."""
-
-    def check(value: str, option: str) -> None:
-        if value not in (known := list(names())):
-            raise InputError(brief(value), field=option, expected=", ".join(known))
-
-    return Checked(check)
-
-
 def _check_builder(name: str, option: str) -> None:
     """Refuse what names no builder, or one of a file or a package that is not there; none of the user's code is run."""
     known = {entry.name: entry.value for entry in entry_points(group="poseppl.models")} if ":" not in name else {}
@@ -123,6 +113,23 @@ def file_of_pair(word: str) -> list[str]:
     """The file of ``NAME=FILE``, or of ``FILE``."""
     name, equals, path = word.partition("=")
     return [path if equals else name]
+
+
+def words_of_files(words: Iterable[str]) -> dict[str, str]:
+    """The files of CAMERA=FILE, by camera.
+
+    Raises:
+        InputError: A word has another form, or a camera comes twice.
+    """
+    found: dict[str, str] = {}
+    for word in words:
+        camera, equals, path = str(word).partition("=")
+        if not (camera and equals and path):
+            raise InputError(brief(word), field="FILES", expected="CAMERA=FILE, such as cam1=pose/cam1_json")
+        if camera in found:
+            raise InputError(f"the camera {brief(camera)} comes twice", field="FILES", expected="each camera once")
+        found[camera] = path
+    return found
 
 
 def files_of_recording(word: str) -> list[str]:

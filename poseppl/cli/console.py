@@ -22,6 +22,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from poseppl.cli.remedies import as_option, as_options
 from poseppl.errors import MAX_SHOWN, cut
 from poseppl.files.cache_folder import cache_folder
 from poseppl.threads import spare_threads
@@ -158,7 +159,7 @@ class ConsoleProgress:
 
     def note(self, message: str) -> None:
         """Tell of something, above the bar."""
-        self.console.print(f"poseppl: {cut(message, MAX_SHOWN)}", markup=False)
+        self.console.print(f"poseppl: {cut(as_options(message), MAX_SHOWN)}", markup=False)
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> None:
@@ -192,7 +193,6 @@ def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
         quiet: Whether to write warnings and errors alone, on stderr.
         about: What the line begins with.
     """
-    from poseppl.cli.remedies import as_option
     from poseppl.diagnostics import verdicts
 
     worst, *rest = verdicts(tree)

@@ -22,7 +22,7 @@ SERVES = {
     "mocap": "writing C3D: poseppl export --format c3d",
     "tables": "tables in Parquet, for poseppl run",
     "experiments": "poseppl reproduce",
-    "vision": "track --video, masks, overlays",
+    "vision": "track videos, masks, overlays",
     "motion-models": "poseppl fit-motion",
     "render": "simulate --video",
     "rerun": "poseppl export --format rrd",

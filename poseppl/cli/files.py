@@ -10,6 +10,7 @@ from typing import Any
 
 from poseppl.errors import InputError, cut
 from poseppl.files.atomic_writing import atomic_path
+from poseppl.motion.settings import ReadFrom, Settings, kinds_of
 
 
 @contextmanager
@@ -59,6 +60,21 @@ def output_path(given: str | None, stem: str, suffix: str) -> Path:
     if path.suffix != suffix:
         raise InputError("not a name for the result", file=given, field="--output", expected=f"NAME{suffix}, or a folder")
     return path
+
+
+def stem_of(recording: str | None, person: int | None = None) -> str:
+    """Name of the outputs; another one for each person of a recording."""
+    stem = "poseppl-walk" if recording is None else f"poseppl-{Path(recording).stem}"
+    return stem if person in (None, 1) else f"{stem}-person{person}"
+
+
+def files_read(settings: Settings) -> Iterator[str]:
+    """The files that settings name, those of the first field first."""
+    yield from map(str, getattr(settings, "files", {}).values())
+    for name, kind in kinds_of(type(settings)).items():
+        if isinstance(kind.condition, ReadFrom) or (kind.condition and kind.or_file):
+            values = [value for value in kind.values(getattr(settings, name)) if isinstance(value, str)]
+            yield from ((value.partition("=")[2] or value) if kind.several else value for value in values)
 
 
 def output_folder(given: str | None, result: str) -> Path:

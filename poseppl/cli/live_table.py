@@ -1,4 +1,4 @@
-"""The table of `poseppl track --live`, which another program can follow: a line a frame, written as soon as it is known."""
+"""The table of `poseppl track live`, which another program can follow: a line a frame, written as soon as it is known."""
 
 from __future__ import annotations
 

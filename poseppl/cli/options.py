@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, fields
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import click
-from click.core import ParameterSource
 
-from poseppl.cli.checks import BUILDER, FRAMES, RATE, InputFile, number
+from poseppl.cli.checks import BUILDER, InputFile, file_of_pair
+from poseppl.files.decimal_numbers import decimal_number
+from poseppl.motion.settings import Kind, ReadFrom, Reads, Settings, Within, kinds_of
+from poseppl.runs.settings import texts_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Made = TypeVar("Made", bound=Settings)
 Option = Callable[[Any], Any]
-
-
-OF_RECORDINGS = ("skeleton", "names", "scale")
-OF_PLACED_CAMERAS = ("cameras", "camera_distance", "view")
 
 
 def option_group(*given: Option) -> Callable[[Command], Command]:
@@ -39,114 +39,100 @@ def chosen(options: Mapping[str, Any], *names: str) -> dict[str, Any]:
     return {name: options[name] for name in names}
 
 
-def refuse(names: Iterable[str], told: str) -> None:
-    """Refuse options of the command that is running if they are given.
+class Grouped(click.Option):
+    """An option that help lists in a section of its own."""
+
+    section = "Options"
+
+
+def options_of(settings: type[Settings], *names: str, section: str = "Options") -> list[Option]:
+    """Options of the fields of settings, with the texts of their docstrings.
 
     Args:
-        names: Those that are refused.
-        told: The end of the message, such as "does not go with --live".
+        settings: The settings.
+        names: Of the fields; all but the first, which is an argument, if none is given.
+        section: Where help lists them.
+    """
+    kind = type("OptionOf", (Grouped,), {"section": section})
+    own = {each.name: each for each in fields(settings)}
+    return [
+        click.option(f"--{name.replace('_', '-')}", name, cls=kind, **_declared(settings, own[name]))
+        for name in names or list(own)[1:]
+    ]
+
+
+def _declared(settings: type[Settings], field: Field[Any]) -> dict[str, Any]:
+    """What click has to know of a field."""
+    kind, default = kinds_of(settings)[field.name], field.default
+    text, _, usual = text_of(settings, field.name).partition(" Default: ")
+    choices = get_args(kind.type) if get_origin(kind.type) is Literal else ()
+    words = not isinstance(kind.condition, ReadFrom) and (kind.several or kind.or_file and not kind.condition)
+    shown = default if isinstance(default, int | float | str) and not isinstance(default, bool) else usual.rstrip(".")
+    told = f" One of {', '.join(choices)}." if len(choices) > 6 else ""
+    how: dict[str, Any] = {"help": f"{text}{told}" + (f" [default: {shown}]" if shown != "" else "")}
+    if kind.type is bool:
+        return {**how, "is_flag": True}
+    if words:
+        callback = _parts_of_words if choices else None
+        return {**how, "multiple": True, "metavar": "NAME,..." if choices else "CAMERA:NAME=VALUE", "callback": callback}
+    how |= {"metavar": _metavar(kind, choices), "type": _type(kind)}
+    if kind.several:
+        return {**how, "multiple": True}
+    return {**how, "required": True} if default is MISSING else {**how, "default": default}
+
+
+def text_of(settings: type[Settings], name: str) -> str:
+    """What a field is, from the docstring of its class or of one that it inherits from."""
+    return next(texts[name] for base in settings.__mro__ if name in (texts := texts_of(base)))
+
+
+def _parts_of_words(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(part for word in words for part in word.split(","))
+
+
+def _metavar(kind: Kind, choices: Sequence[str]) -> str:
+    match kind.condition:
+        case ReadFrom():
+            return "FILE..." if kind.several else "FILE"
+        case Within(unit=unit):
+            return (unit.upper() or ("N" if kind.type is int else "NUMBER")) + "|FILE" * kind.or_file
+        case Reads(metavar=metavar):
+            return metavar
+    return f"[{'|'.join(choices)}]" if 0 < len(choices) <= 6 else "NAME"
+
+
+def _type(kind: Kind) -> Any:
+    """What click reads a value as; settings check it as they are made."""
+    match kind.condition:
+        case ReadFrom(folders=folders):
+            return InputFile(folders=folders, paths=file_of_pair)
+        case Within():
+            return _NumberOrFile() if kind.or_file else click.INT if kind.type is int else click.FLOAT
+    return BUILDER if kind.condition == "builder" else click.STRING
+
+
+class _NumberOrFile(InputFile):
+    """A number, or else a file that is read."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read it, as click does."""
+        number = decimal_number(str(value))
+        return super().convert(value, param, ctx) if number is None else number
+
+    def check(self, word: Any, option: str) -> None:
+        """Refuse a file that cannot be read."""
+        if not isinstance(word, int | float):
+            super().check(word, option)
+
+
+def made(settings: type[Made], given: Mapping[str, Any]) -> Made:
+    """Settings of the options that were given.
 
     Raises:
-        click.UsageError: One of them is given.
+        InputError: A value is not accepted.
     """
-    source = click.get_current_context().get_parameter_source
-    for name in names:
-        if source(name) != ParameterSource.DEFAULT:
-            raise click.UsageError(f"--{name.removesuffix('_name').replace('_', '-')} {told}")
-
-
-subject_options = option_group(
-    click.option(
-        "--skeleton",
-        metavar="ASF",
-        type=InputFile(),
-        help="Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps.",
-    ),
-    click.option(
-        "--names",
-        metavar="TOML",
-        type=InputFile(),
-        help="Which points of the recording are which markers, where its names are unusual: lines such as "
-        'knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several.',
-    ),
-    click.option(
-        "--lengths",
-        metavar="TOML",
-        type=InputFile(),
-        help="Segment lengths that are known, mm: lines such as thigh = 435.0. [default: measured in a recording; "
-        "those of --stature otherwise]",
-    ),
-    click.option(
-        "--model",
-        metavar="NAME",
-        type=BUILDER,
-        help="Body to track: package.module:builder or FILE.py:builder. "
-        "[default: poseppl_models.bodies.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
-        "clamped to the truth]",
-    ),
-    click.option(
-        "--frames",
-        metavar="A:B:C",
-        type=FRAMES,
-        help="Frames A to B - 1 in steps of C, counted from 0; each part may be left out. "
-        "[default: all; 0:60 of the built-in walk]",
-    ),
-    click.option(
-        "--rate",
-        metavar="HZ",
-        type=RATE,
-        help="Frames a second, where the file does not tell. [default: 120 for .amc and exponential maps, else 30]",
-    ),
-    click.option(
-        "--scale",
-        metavar="MM",
-        type=number("a positive number of millimetres", lambda scale: 0 < scale < 1e6),
-        help="Millimetres a unit of a .bvh file. [default: guessed from the skeleton's height]",
-    ),
-    click.option(
-        "--up",
-        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-        help="Axis that points up in a .bvh, .c3d or .trc file or in --calibration. [default: along which the head is above "
-        "the feet; the choice is printed]",
-    ),
-)
-"""Who is seen: a recording, or the built-in walk."""
-
-
-camera_options = option_group(
-    click.option(
-        "--camera",
-        metavar="TOML",
-        type=InputFile(folders=True),
-        help="Calibrated cameras (our own form or anipose's). [default: cameras placed around the subject]",
-    ),
-    click.option(
-        "--cameras",
-        metavar="N",
-        type=number("1 to 4", lambda count: 1 <= count <= 4, click.INT),
-        help="How many cameras are placed, 1 to 4, each at a right angle to the one before. [default: 1]",
-    ),
-    click.option(
-        "--camera-distance",
-        metavar="MM",
-        type=number("100 to 1000000 mm", lambda distance: 100 <= distance <= 1e6),
-        help="Distance of placed cameras from the subject's path, mm. [default: 5000]",
-    ),
-    click.option(
-        "--view",
-        metavar="DEGREES",
-        type=number("-360 to 360 degrees", lambda view: abs(view) <= 360),
-        help="From where the first camera sees the walk: 90 the right side, 0 the front, 180 the back. [default: 90]",
-    ),
-    click.option(
-        "--noise",
-        metavar="FRACTION",
-        type=number("a positive fraction of the focal length, such as 0.003", lambda noise: 0 <= noise < 10),
-        help="Standard deviation of the image noise as a fraction of the focal length: 0.003 is 3 mm at 1 m, and 3 "
-        "pixels at a focal length of 1000. [default: the body's, 0.003]",
-    ),
-)
-"""From where the subject is seen."""
+    wanted = {each.name: given[each.name] for each in fields(settings) if each.name in given}
+    return settings(**{name: value for name, value in wanted.items() if value is not None and value != ()})
 
 
 max_draws_option = click.option(
@@ -188,7 +174,6 @@ worker_options = option_group(
 
 
 common_options = option_group(
-    click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still told."),
-    click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
+    click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still printed."),
 )
 """How much is said."""

@@ -44,7 +44,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 """
 
 
-_NOT_OF_FILES = ("settings", "model", "scheduler", "debug")
+_NOT_OF_FILES = ("settings", "model", "scheduler")
 
 
 def _read_settings(context: click.Context, option: click.Parameter, path: str | None) -> str | None:

@@ -42,10 +42,35 @@ class CommandWithSettings(click.Command):
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             word = error.option_name.lstrip("-").replace("-", "_")
-            known = _algorithms(self.kind)
-            names = {setting for name in known for setting in known.described(name).settings if word in setting}
-            hints = [f"--set {name}=" for name in names] or error.possibilities
-            raise click.NoSuchOption(error.option_name, possibilities=hints, ctx=ctx) from error
+            hints = [f"--set {name}=" for name in sorted(self.settings()) if word in name]
+            if not hints and (told := self.elsewhere(error.option_name)):
+                raise click.UsageError(told, ctx) from error
+            raise click.NoSuchOption(error.option_name, possibilities=hints or error.possibilities, ctx=ctx) from error
+
+    def settings(self) -> set[str]:
+        """Names of the settings of all algorithms."""
+        known = _algorithms(self.kind)
+        return {setting for name in known for setting in known.described(name).settings}
+
+    def elsewhere(self, option: str) -> str | None:
+        """A message on an option that other commands have; None where none has it."""
+        return None
+
+
+class ManyFiles(CommandWithSettings):
+    """A command whose options of several files take all the words up to the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option before each of its words."""
+        several = [option for option in self.params if isinstance(option, click.Option) and isinstance(option.type, click.Path)]
+        many = {name for option in several if option.multiple for name in option.opts}
+        spread: list[str] = []
+        taking: str | None = None
+        for word in args:
+            if word.startswith("-"):
+                taking = word if word in many else None
+            spread += [] if word == taking else [word] if taking is None else [taking, word]
+        return super().parse_args(ctx, spread)
 
 
 def _algorithms(kind: str) -> Any:

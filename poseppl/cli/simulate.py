@@ -6,9 +6,10 @@ from typing import Any
 
 import click
 
-from poseppl.cli.checks import InputFile, check_inputs, number
-from poseppl.cli.options import camera_options, common_options, seed_option, subject_options
-from poseppl.errors import InputError
+from poseppl.cli.checks import InputFile, check_inputs, check_recording, number
+from poseppl.cli.options import common_options, made, option_group, options_of, seed_option
+from poseppl.errors import InputError, Phrase
+from poseppl.motion.recordings.settings import RecordingSettings
 
 EXAMPLES = """
 \b
@@ -17,7 +18,7 @@ Examples:
       Observations of the built-in walk, through one camera.
   poseppl simulate 02_01.amc --skeleton 02.asf --cameras 2 --missing 0.1 -o data/
       A recording through two cameras; a tenth of the markers is missing.
-  poseppl track --observations poseppl-walk.csv --camera poseppl-walk.toml
+  poseppl track observations poseppl-walk.csv --camera poseppl-walk.toml
       Track what was written, without the truth.
   poseppl simulate 02_01.amc --skeleton 02.asf --frames ::4 --video -o room/
       Videos of a person in a room with four cameras and furniture in the way, with masks and truth.
@@ -44,9 +45,13 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
 
+_OF_SUBJECT = ("skeleton", "names", "lengths", "model", "frames", "rate", "scale", "up")
+_OF_CAMERAS = ("camera", "cameras", "camera_distance", "view", "noise")
+
+
 @click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion, or videos.")
 @click.argument("recording", required=False, type=InputFile())
-@subject_options
+@option_group(*options_of(RecordingSettings, *_OF_SUBJECT))
 @click.option(
     "--turn",
     metavar="MM",
@@ -54,7 +59,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     help="Lay the walk along a circle of this radius on the floor: to the left, or to the right with -MM; at least 300. Poses "
     "stay as they are, and so feet on the floor turn with the body. [default: as recorded]",
 )
-@camera_options
+@option_group(*options_of(RecordingSettings, *_OF_CAMERAS))
 @click.option(
     "--focal",
     metavar="PIXELS",
@@ -118,24 +123,27 @@ def simulate(recording: str | None, **options: Any) -> None:
 
 def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
-    from poseppl.cli.files import check_writable, output_path
-    from poseppl.cli.subject import check_subject, find_subject, look_at_subject, stem_of
+    from poseppl.cli.files import check_writable, output_path, stem_of
 
-    check_subject(recording, options)
+    settings = made(RecordingSettings, options | {"recording": recording})
+    check_recording(recording, options["skeleton"])
     check_inputs()
     points = output_path(options["output"], stem_of(recording), ".csv")
     camera, truth = points.with_suffix(".toml"), points.with_suffix(".nc")
     check_writable([points, camera, truth], [recording, options["skeleton"], options["camera"]])
 
     from poseppl.motion.io import read_cameras, write_cameras, write_observations
+    from poseppl.motion.recordings.subjects import cameras_of, subject_of
     from poseppl.motion.recordings.truth import save_truth
     from poseppl.motion.tracking import observe_motion
     from poseppl.motion.tracking.observations import observations_of_scene
     from poseppl.motion.tracking.placing import cameras_of_records, records_of_cameras
 
     start_jax()
-    subject = find_subject(recording, options, ConsoleProgress(options["quiet"]).note)
-    cameras, names = look_at_subject(subject, options)
+    subject = subject_of(settings, options["turn"])
+    for told in subject.notes:
+        ConsoleProgress(options["quiet"]).note(Phrase(f"{recording}: ", told))
+    cameras, names = cameras_of(settings, subject)
     if options["camera"] is not None:
         records = read_cameras(options["camera"])
     else:

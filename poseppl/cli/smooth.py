@@ -19,7 +19,7 @@ Examples:
   poseppl smooth poseppl-walk.nc --method forward-backward
       The filter's particles, weighted anew.
   poseppl smooth poseppl-cam_01.nc --method laplace --errors lasting
-      A detector's keypoints, as poseppl track --keypoints smooths them.
+      A detector's keypoints, as poseppl track keypoints smooths them.
   poseppl smooth poseppl-walk.nc --set num_draws=500 --set num_chains=8
       More and longer chains of the default.
 
@@ -69,7 +69,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
 
     RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps
-    up to track's --history-mib, or from the draws if it keeps none. Genealogy and fixed-lag follow all particles back through
+    up to track's history_mib, or from the draws if it keeps none. Genealogy and fixed-lag follow all particles back through
     their ancestors: if RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
     poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which smoother?" in the documentation.
     """

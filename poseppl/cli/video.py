@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from poseppl.errors import InputError
+from poseppl.cli.options import made
+from poseppl.errors import InputError, Phrase
+from poseppl.motion.recordings.settings import RecordingSettings
 
 
 def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
@@ -21,15 +23,17 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     """
     from poseppl.cli.checks import check_inputs, check_recording
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
-    from poseppl.cli.subject import find_subject, stem_of
+    from poseppl.cli.files import stem_of
 
     folder = _folder(options["output"], stem_of(recording))
     _refuse(options)
+    settings = made(RecordingSettings, options | {"recording": recording, "cameras": None, "noise": None})
     check_recording(recording, options["skeleton"])
     check_inputs()
 
     from poseppl.motion.io.opencv import opencv
     from poseppl.motion.recordings.subject_video import film_subject
+    from poseppl.motion.recordings.subjects import subject_of
     from poseppl.motion.rendering import SensorNoise, build_setting
     from poseppl.motion.rendering.noise import check_noise
     from poseppl.motion.rendering.packages import load_mujoco
@@ -40,7 +44,9 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     opencv()
     start_jax()
     progress = ConsoleProgress(options["quiet"], doing="rendering")
-    subject = find_subject(recording, options, progress.note)
+    subject = subject_of(settings, options["turn"])
+    for told in subject.notes:
+        progress.note(Phrase(f"{recording}: ", told))
     setting = build_setting(
         subject.body.tree.marker_names,
         subject.complete_markers(),

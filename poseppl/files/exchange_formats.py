@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from poseppl.errors import FilePath, InputError, brief
+from poseppl.errors import Argument, FilePath, InputError, brief
 
 ENDS = {"trc": (".trc", "_lower.trc", "_upper.trc"), "mot": (".mot",), "c3d": (".c3d",), "csv": (".csv",), "rrd": (".rrd",)}
 
@@ -18,5 +18,5 @@ def files_of(folder: FilePath, stem: str, formats: Sequence[str]) -> dict[str, l
     """
     for name in formats:
         if name not in ENDS:
-            raise InputError(brief(name), field="--format", expected=", ".join(ENDS))
+            raise InputError(brief(name), field=Argument("format"), expected=", ".join(ENDS))
     return {name: [Path(folder) / f"{stem}{end}" for end in ENDS[name]] for name in formats}

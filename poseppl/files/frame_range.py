@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 
 
 class FrameRange(NamedTuple):
@@ -27,7 +27,7 @@ class FrameRange(NamedTuple):
         parts = [part.strip() for part in text.split(":")]
         if len(parts) > 3 or parts == [""] or not all(re.fullmatch(r"[0-9]{0,9}", part) for part in parts):
             raise InputError(
-                f"{brief(text)} is no range of frames", field="--frames", expected="start:stop:step, such as 0:100"
+                f"{brief(text)} is no range of frames", field=Argument("frames"), expected="start:stop:step, such as 0:100"
             )
         if len(parts) == 1:
             return cls(int(text), int(text) + 1)
@@ -35,7 +35,7 @@ class FrameRange(NamedTuple):
         found = cls(start or 0, stop, 1 if step is None else step)
         if found.step < 1 or (found.stop is not None and found.stop <= found.start):
             raise InputError(
-                f"{brief(text)} has no frame", field="--frames", expected="start:stop:step, start < stop, step >= 1"
+                f"{brief(text)} has no frame", field=Argument("frames"), expected="start:stop:step, start < stop, step >= 1"
             )
         return found
 
@@ -51,7 +51,9 @@ class FrameRange(NamedTuple):
         """
         stop = total if self.stop is None else self.stop
         if stop > total or self.start >= stop:
-            raise InputError(f"'{self}' is out of range", file=source, field="--frames", expected=f"a range within 0:{total}")
+            raise InputError(
+                f"'{self}' is out of range", file=source, field=Argument("frames"), expected=f"a range within 0:{total}"
+            )
         return slice(self.start, stop, self.step)
 
     def __str__(self) -> str:

@@ -7,15 +7,15 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 
 
-def import_named(place: str, field: str) -> ModuleType:
+def import_named(place: str, field: str | Argument) -> ModuleType:
     """Import ``package.module`` or ``file.py``.
 
     Args:
         place: The module's name, or the file.
-        field: The option that named it, for messages.
+        field: The argument that named it, for messages.
 
     Raises:
         InputError: There is no such module or file, or importing it fails.

@@ -9,8 +9,8 @@ Work without a row for each particle, such as a climb to a mode, is done on ever
     sharded(particle_filter(model, 100_000), 4)
 
 Several devices pay where each has processors of its own. A CPU that is made into several is good for trying it out, and no
-faster. It also needs more threads (:mod:`poseppl.threads`): eight a device are plenty. ``poseppl track --devices`` sees to it;
-in Python, call ``poseppl.threads.spare_threads(devices)`` before JAX starts.
+faster. It also needs more threads (:mod:`poseppl.threads`): eight a device are plenty. ``poseppl track --set devices=N`` sees
+to it; in Python, call ``poseppl.threads.spare_threads(devices)`` before JAX starts.
 
 In float32 a difference in the last digit can turn a resampling or an acceptance the other way, in HMC on the 28-D body within a
 few frames; from there on the run is another one of the same law.

@@ -5,7 +5,6 @@ Bounded in size for any length of sequence: the slider shows at most 120 frames 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import xarray as xr
@@ -17,8 +16,8 @@ from poseppl.diagnostics.image_errors import image_errors
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.verdicts.predictive import rank_test
-from poseppl.diagnostics.verdicts.verdict import Remedy, Verdict, as_argument
-from poseppl.errors import FilePath
+from poseppl.diagnostics.verdicts.verdict import Verdict
+from poseppl.errors import FilePath, Wording
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts, joint_charts, mode_chart, residual_chart
 from poseppl.report.page import page_html
@@ -38,7 +37,7 @@ from poseppl.report.titles import algorithms_of, title_of
 from poseppl.runs.results import is_weighted
 
 
-def write_report(tree: xr.DataTree, path: FilePath, *, name: Callable[[Remedy], str] = as_argument) -> None:
+def write_report(tree: xr.DataTree, path: FilePath, *, name: Wording = str) -> None:
     """Write the report of a result.
 
     Args:
@@ -53,7 +52,7 @@ def write_report(tree: xr.DataTree, path: FilePath, *, name: Callable[[Remedy], 
     write_atomically(path, report_html(tree, name))
 
 
-def report_html(tree: xr.DataTree, name: Callable[[Remedy], str] = as_argument) -> str:
+def report_html(tree: xr.DataTree, name: Wording = str) -> str:
     """Make the report of a result, the whole page; see :func:`write_report`."""
     whole = diagnosed(tree)
     drawn, poses, modes = charts(whole), pose_data(whole), modes_over_time(whole)

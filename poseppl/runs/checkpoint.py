@@ -22,7 +22,7 @@ from typing import Any
 
 import jax
 
-from poseppl.errors import FilePath, PosepplError, cut
+from poseppl.errors import Argument, FilePath, Phrase, PosepplError, cut
 from poseppl.files.atomic_writing import remove_strays, write_atomically
 from poseppl.files.locks import take_lock
 from poseppl.files.store import Arrays, Note, Store, key_of
@@ -134,7 +134,8 @@ class Checkpoint:
                 f"{self.folder}: the checkpoint is of another run ({shown}); use the same settings and data, or another folder"
             )
         if not self.resume:
-            raise CheckpointError(f"{self.folder}: holds this run already; resume it (--resume), or name another folder")
+            resume = (f"{self.folder}: holds this run already; resume it (", Argument("resume"), "), or name another folder")
+            raise CheckpointError(Phrase(*resume))
 
     def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any) -> list[tuple[Any, Any]]:
         """Read the parts that are whole, from the first frame on.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.arrays import Booleans, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.program import Observation
 from poseppl.program.frame_inputs import Constant, check_input_rows
 
@@ -109,9 +109,9 @@ def tell_gaps(gaps: Gaps, note: Callable[[str], None]) -> tuple[str, ...]:
     if not gaps:
         return ()
     across = f"{gaps}: one transition leads across a gap, as if its ends were neighbours"
-    text = f"{across}; insert frames without data by fill_gaps=True (--fill-gaps)"
+    text = Phrase(f"{across}; insert frames without data by ", Argument("fill_gaps", True))
     note(text)
-    return (text,)
+    return (str(text),)
 
 
 def tell_filled(gaps: Gaps, inputs: Any, note: Callable[[str], None]) -> None:

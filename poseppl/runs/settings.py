@@ -123,7 +123,7 @@ def summary_of(build: Callable[..., Any]) -> str:
 
 
 def _settings(build: Callable[..., Any]) -> Iterator[Setting]:
-    hints, texts, defaults = get_type_hints(build), _texts(build), _defaults(build)
+    hints, texts, defaults = get_type_hints(build), texts_of(build), _defaults(build)
     for name, default in defaults.items():
         kind, optional = _kind(hints[name])
         if kind in _READERS or get_origin(kind) is Literal:
@@ -132,7 +132,7 @@ def _settings(build: Callable[..., Any]) -> Iterator[Setting]:
             for field, hint in get_type_hints(kind).items():
                 kind_inside, optional = _kind(hint)
                 if field not in defaults and (kind_inside in _READERS or get_origin(kind_inside) is Literal):
-                    yield Setting(field, kind_inside, optional, getattr(default, field), _texts(kind).get(field, ""), name)
+                    yield Setting(field, kind_inside, optional, getattr(default, field), texts_of(kind).get(field, ""), name)
 
 
 def _defaults(build: Callable[..., Any]) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def _kind(hint: Any) -> tuple[Any, bool]:
     return (kinds[0], True) if len(kinds) == 1 else (hint, False)
 
 
-def _texts(documented: Any) -> dict[str, str]:
+def texts_of(documented: Any) -> dict[str, str]:
     """Texts of a docstring on each argument or attribute."""
     section = re.search(r"^(?:Args|Attributes):\n((?: {4}.*\n?)+)", getdoc(documented) or "", re.MULTILINE)
     items = re.split(r"^ {4}(?=\w+: )", section[1], flags=re.MULTILINE)[1:] if section else []

@@ -1,4 +1,4 @@
-"""`poseppl calibrate-detector`, and `poseppl track --detector-errors`, on a real recording."""
+"""`poseppl calibrate-detector`, and what it gives `poseppl track keypoints --noise`, on a real recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ pytestmark = pytest.mark.usefixtures("here", "without_pictures")
 
 @pytest.mark.slow
 def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4), "--frames", "0:100:10"]) == 0
+    assert (
+        main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4, source="--keypoints"), "--frames", "0:100:10"])
+        == 0
+    )
     told = capsys.readouterr().out
     assert "other half's errors: 90 % intervals hold" in told and "openpose.json" in told
     errors = read_detector_errors("openpose.json")
@@ -25,8 +28,8 @@ def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixtur
     assert errors.slope < -0.3 and 0.5 < errors.confidence < 0.8
     assert all(3 < np.exp(scale) < 60 for scale in errors.log_scale.values())
     assert set(errors.counts) == set(errors.log_scale) and max(errors.counts.values()) <= 40
-    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--online", "--no-export"]
-    for name, more in (("own", ["--detector-errors", "openpose.json"]), ("root", [])):
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--smooth", "none", "--set", "export=false"]
+    for name, more in (("own", ["--noise", "openpose.json"]), ("root", [])):
         assert main(["track", *words(data_dir, 1, 4), *small, *more, "-o", f"{name}.nc"]) == 0
     assert f"the detector's errors are those of {errors.source}" in capsys.readouterr().err
     own, root = (np.asarray(load_result(f"{name}.nc")["summary/points_mean"]) for name in ("own", "root"))
@@ -37,9 +40,9 @@ def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["calibrate-detector", "a", "--calibration", "c.toml"], "--keypoints of three cameras"),
+        (["calibrate-detector", "a", "--calibration", "c.toml"], "CAMERA=FILE..."),
         (["calibrate-detector", "a", "--keypoints", "x=y"], "--calibration"),
-        (["track", "--detector-errors", "a.json"], "--detector-errors goes with --keypoints"),
+        (["track", "--layout", "coco17"], "--layout is an option of poseppl track keypoints and live"),
     ],
 )
 def test_usage(capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str) -> None:
@@ -49,14 +52,12 @@ def test_usage(capsys: pytest.CaptureFixture[str], arguments: list[str], expecte
 
 @pytest.mark.full
 def test_two_cameras_are_too_few(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate-detector", "a", *words(data_dir, 1, 4), "--frames", "0:20:2"]) == 1
+    assert main(["calibrate-detector", "a", *words(data_dir, 1, 4, source=""), "--frames", "0:20:2"]) == 1
     assert "three cameras see 0 points" in capsys.readouterr().err
     assert not Path("a.json").exists()
 
 
-def test_either_errors_or_a_noise(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    both = ["--detector-errors", "a.json", "--noise", "0.003"]
-    assert main(["track", *words(data_dir, 1, 4), *both]) == 2
-    assert "give --detector-errors or --noise" in capsys.readouterr().err
-    assert main(["track", *words(data_dir, 1, 4), *both[:2]]) == 1
-    assert "a.json" in capsys.readouterr().err
+def test_a_noise_is_a_number_or_a_file(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for given, told in (("0", "--noise: 0"), ("a.json", "a.json: no such file")):
+        assert main(["track", *words(data_dir, 1, 4), "--noise", given]) == 1
+        assert told in capsys.readouterr().err

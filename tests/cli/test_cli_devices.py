@@ -1,4 +1,4 @@
-"""`poseppl track --devices`."""
+"""`poseppl track --set devices=N`."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def _processors(here, monkeypatch):
 @pytest.mark.parametrize(
     ("devices", "message"),
     [
-        ("3", "--devices: 3 devices cannot share 200 particles (expected a number that divides the 200 particles)"),
-        ("8", f"--devices: devices is 8, but JAX has {len(jax.devices())} here"),
+        ("3", "--set devices: 3 devices cannot share 200 particles (expected a number that divides the 200 particles)"),
+        ("8", f"--set devices: devices is 8, but JAX has {len(jax.devices())} here"),
     ],
 )
 def test_devices_that_cannot_be_used(capsys, tmp_path, devices, message):
-    assert main([*TRACK, *FILTERS["particle"], "--devices", devices]) == 1
+    assert main([*TRACK, *FILTERS["particle"], "--set", f"devices={devices}"]) == 1
     assert capsys.readouterr().err.startswith(f"poseppl: {message}")
     assert not list(tmp_path.iterdir())
 
@@ -47,7 +47,7 @@ def test_devices_that_cannot_be_used(capsys, tmp_path, devices, message):
 @pytest.mark.parametrize("name", FILTERS)
 def test_two_devices_give_what_one_gives(name):
     for number in ("1", "2"):
-        command = [sys.executable, "-c", MAIN, *TRACK, *FILTERS[name], "--devices", number, "--output", f"{number}.nc"]
+        command = [sys.executable, "-c", MAIN, *TRACK, *FILTERS[name], "--set", f"devices={number}", "--output", f"{number}.nc"]
         environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
         del environment["NPROC"]
         subprocess.run(command, check=True, timeout=PATIENCE, env=environment)

@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import click
 import pytest
@@ -15,12 +16,14 @@ from waiting import PATIENCE
 
 from poseppl.cli import cli, main
 from poseppl.cli.checks import InputFile
-from poseppl.cli.track_keypoints import LAYOUTS
+from poseppl.cli.track import track
 from poseppl.motion.io import keypoint_layouts
+from poseppl.motion.io.keypoints import DETECTORS
+from poseppl.motion.keypoints.settings import Detector, Layout
 
 pytestmark = pytest.mark.usefixtures("here")
 
-KEYPOINTS = "track --keypoints a=k.json --calibration c.toml"
+KEYPOINTS = "track keypoints a=k.json --calibration c.toml"
 MODEL = "run m.py --data d.csv"
 REFUSED = {
     "track no.c3d": "no.c3d: no such file",
@@ -43,15 +46,23 @@ REFUSED = {
     "track --noise 0": "--noise: 0",
     "track --camera no.toml": "no.toml: no such file",
     "track w.amc": "w.amc: an .amc file needs its skeleton",
-    "track k.json": "k.json: unknown format '.json'",
+    "track recording k.json": "k.json: unknown format '.json'",
+    "track keypoints k.json --calibration c.toml": "FILES: 'k.json' (expected CAMERA=FILE",
+    "track points a=k.json --calibration no.toml": "no.toml: no such file",
+    "track live a=folder --calibration c.toml --detector sleap": "--detector: live folders have one file a frame",
+    "track observations no.csv --camera c.toml": "no.csv: no such file",
+    "track --set markers=no": "--set markers=no: expected one of fixed, learned",
+    "track --set devices=0": "--set devices: 0 (expected at least 1)",
     "track --keypoints a=no.json --calibration c.toml": "no.json: no such file",
     f"{KEYPOINTS} --detector x": "--detector: 'x'",
     f"{KEYPOINTS} --layout x": "--layout: 'x'",
     f"{KEYPOINTS} --unit x": "--unit: 'x'",
-    f"{KEYPOINTS} --offset a=b": "--offset: 'b'",
-    f"{KEYPOINTS} --camera-rate a=5": "--camera-rate: it needs --rate",
-    f"{KEYPOINTS} --image-size a=5": "--image-size: a='5'",
-    f"{KEYPOINTS} --detector-errors no.json": "no.json: no such file",
+    f"{KEYPOINTS} --camera a:offset=b": "--camera: 'b'",
+    f"{KEYPOINTS} --camera a:rate=5": "--camera: a camera's rate needs that of the others, --rate",
+    f"{KEYPOINTS} --camera a:size=5": "--camera: 'a:size=5'",
+    f"{KEYPOINTS} --camera a:gain=5": "--camera: 'a:gain=5'",
+    f"{KEYPOINTS} --keep times": "--keep: 'times'",
+    f"{KEYPOINTS} --noise no.json": "no.json: no such file",
     "track --video no.mp4 --calibration c.toml": "no.mp4: no such file",
     "track --video a.bvh": "--calibration: no calibration",
     "run m.py --data no.csv": "no.csv: no such file",
@@ -79,6 +90,9 @@ REFUSED = {
 USAGE = {
     "dance": "No such command 'dance'",
     "track --num-chains 5": "--set num_chains=",
+    "track --sigma-angle 5": "--set sigma_angle=",
+    "track --person 2": "--person is an option of poseppl track keypoints and live and points",
+    "track k.json": "Missing option '--calibration'",
     "reproduce choo-fleet-2001 no": "no part 'no'; its parts are single-frame",
 }
 EVERY_COMMAND = """
@@ -109,7 +123,14 @@ def run(code: str, *arguments: str) -> str:
 
 @pytest.mark.usefixtures("files")
 def test_nothing_heavy_is_loaded_before_words_are_refused() -> None:
-    right = ["--help", "track --help", "reproduce", "filters", "smoothers trajectory"]
+    right = [
+        "--help",
+        "track --help",
+        *(f"track {source} --help" for source in track.commands),
+        "reproduce",
+        "filters",
+        "smoothers trajectory",
+    ]
     told = json.loads(run(EVERY_COMMAND, json.dumps([*REFUSED, *USAGE, *right])))
     for lines, expected in ((REFUSED, 1), (USAGE, 2), (dict.fromkeys(right, ""), 0)):
         for line, words in lines.items():
@@ -138,7 +159,7 @@ def test_every_file_that_is_read_is_checked() -> None:
     """Other paths are those of outputs, and the folder of batch, which looks for tables in it."""
     others = {
         f"{command.name} {parameter.name}"
-        for command in cli.commands.values()
+        for command in (*cli.commands.values(), *track.commands.values())
         for parameter in command.params
         if isinstance(parameter.type, click.Path) and not isinstance(parameter.type, InputFile)
     }
@@ -148,9 +169,9 @@ def test_every_file_that_is_read_is_checked() -> None:
         "fit-motion plot",
         "overlay output",
         "reproduce folder",
-        "track checkpoint",
+        *(f"{source} checkpoint" for source in ("keypoints", "observations", "recording", "videos")),
     }
 
 
-def test_the_layouts_are_those_of_the_reader() -> None:
-    assert tuple(keypoint_layouts.LAYOUTS) == LAYOUTS
+def test_layouts_and_detectors_are_those_of_the_reader() -> None:
+    assert get_args(Layout) == tuple(keypoint_layouts.LAYOUTS) and get_args(Detector) == tuple(DETECTORS)

@@ -1,4 +1,4 @@
-"""`poseppl track --live` where not all goes well: few cameras, one that stops, folders that go, impatient users."""
+"""`poseppl track live` where not all goes well: few cameras, one that stops, folders that go, impatient users."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from poseppl.runs.results import load_result
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 FRAMES = 10
-SMALL = ["--live", "--start", "0.08", "--wait", "0.05", "--idle", "0.5", "--filter", "kalman", "--max-draws", "50"]
+SMALL = ["--start", "0.08", "--wait", "0.05", "--idle", "0.5", "--filter", "kalman", "--max-draws", "50"]
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def copied(data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
             Path(camera).mkdir()
             for file in sorted(source.glob("*.json"))[:count]:
                 shutil.copy(file, camera)
-        given = words(data_dir, *(int(camera[-1]) for camera in frames))
+        given = words(data_dir, *(int(camera[-1]) for camera in frames), source="live")
         return ["track", *(re.sub(r"=.*(cam0\d)_json", r"=\1", word) for word in given), *SMALL, "-o", "a.nc"]
 
     return copy
@@ -66,9 +66,9 @@ def test_one_camera(copied: Callable[..., list[str]]) -> None:
 @pytest.mark.slow
 def test_errors_of_a_detector_give_the_noise(data_dir: Path, copied: Callable[..., list[str]]) -> None:
     command = copied(cam01=FRAMES, cam02=FRAMES, cam03=FRAMES)
-    assert main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4), "--frames", "0:100:10", "-q"]) == 0
+    assert main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4, source=""), "--frames", "0:100:10", "-q"]) == 0
     noise = []
-    for more in ([], ["--detector-errors", "openpose.json"], ["--detector-errors", "openpose.json", "--start", "1"]):
+    for more in ([], ["--noise", "openpose.json"], ["--noise", "openpose.json", "--start", "1"]):
         assert main([*command, *more]) == 0
         noise.append(load_result("a.nc")["inputs/noise"].to_numpy())
     plain, own, together = noise
@@ -113,7 +113,7 @@ def test_interrupted_once_the_result_is_written_and_twice_it_is_told_what_there_
     status, told = main(copied(cam01=FRAMES, cam02=FRAMES)), re.sub(r"\s+", " ", capfd.readouterr().err)
     assert status == (0 if times == 1 else 130)
     assert len(lines("a_live.csv")) == FRAMES - 1 and Path("a.nc").exists() == (times == 1)
-    assert ("a_live.csv has the frames so far; the same command without --live" in told) == (times == 2)
+    assert ("a_live.csv has the frames so far; poseppl track keypoints" in told) == (times == 2)
 
 
 @pytest.mark.full

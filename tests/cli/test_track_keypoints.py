@@ -1,4 +1,4 @@
-"""`poseppl track --keypoints` on a real recording."""
+"""`poseppl track keypoints` on a real recording."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ from balancing_options import words
 from waiting import PATIENCE
 
 from poseppl.cli import main
-from poseppl.cli.keypoint_words import calibration_of
-from poseppl.cli.subject import stem_of
-from poseppl.cli.track_keypoints import exported_targets
-from poseppl.cli.track_smooth import goes_straight, smoothed_target
+from poseppl.cli.files import stem_of
+from poseppl.cli.track_run import Wanted, goes_straight, planned
 from poseppl.motion.io import CameraRecord, open_video, write_cameras
+from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.trc import read_trc
+from poseppl.motion.keypoints.settings import KeypointSettings
+from poseppl.motion.settings import TrackSettings
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("here", "without_pictures")
@@ -69,27 +71,31 @@ def test_nobody_needs_a_filter(data_dir: Path, capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.parametrize(
-    ("options", "expected"),
+    ("cameras", "settings", "wanted", "expected"),
     [
-        ({}, True),
-        ({"keypoints": ("a=pose",)}, False),
-        ({"online": True}, False),
-        ({"filter_name": "kalman"}, False),
-        ({"settings": {"num_particles": "9"}}, False),
-        ({"smooth_method": "trajectory"}, False),
-        ({"checkpoint": "run"}, False),
-        ({"prior": "walk.nc"}, False),
-        ({"devices": 2}, False),
+        (2, {}, Wanted(), True),
+        (2, {"walk": "learned", "seed": 3, "max_draws": 9}, Wanted(export=False), True),
+        (1, {}, Wanted(), False),
+        (2, {"filter": "kalman"}, Wanted(), False),
+        (2, {"options": {"num_particles": "9"}}, Wanted(), False),
+        (2, {"prior": "walk.nc"}, Wanted(), False),
+        (2, {"devices": 2}, Wanted(), False),
+        (2, {}, Wanted(smooth="none"), False),
+        (2, {}, Wanted(smooth="trajectory"), False),
+        (2, {}, Wanted(checkpoint="run"), False),
     ],
 )
-def test_who_asks_for_a_filter(options: dict[str, object], expected: bool) -> None:
-    assert goes_straight({"keypoints": ("a=pose", "b=pose"), "devices": 1, **options}) is expected
+def test_who_asks_for_a_filter(cameras: int, settings: dict[str, Any], wanted: Wanted, expected: bool) -> None:
+    source = KeypointSettings({f"cam{number}": "pose" for number in range(cameras)}, "rig.toml")
+    assert goes_straight(source, TrackSettings(**settings), wanted) is expected
+    results = planned(source, TrackSettings(**settings), wanted._replace(output="a.nc")).results
+    assert (results == [Path("a-laplace.nc")]) is expected
 
 
 @pytest.mark.full
 def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One camera does not tell them from how far away the person is: smoothed so, whole bodies are far off."""
-    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--no-export", "-o", "out.nc"]
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--set", "export=false", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1), *small]) == 0
     assert "taken to be 1.69 +- 0.09 m tall" in capsys.readouterr().err
     best = provenance(load_result("out-assumed-density.nc"))
@@ -100,26 +106,25 @@ def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.Capture
 def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("out.nc").touch()
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
-    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
+    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small, "--smooth", "none", "--set", "export=false", "-q"]) == 0
     assert [path.name for path in Path().iterdir()] == ["out.nc"]
     assert "out.nc, which is there, is replaced" in capsys.readouterr().err
     assert load_result("out.nc")["posterior"].sizes["frame"] == 4
 
 
 @pytest.mark.parametrize(
-    ("options", "expected"),
+    ("cameras", "wanted", "expected"),
     [
-        ({}, ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot"]),
-        ({"keypoints": ("cam=pose",)}, [f"a-assumed-density{end}" for end in (".trc", "_lower.trc", "_upper.trc", ".mot")]),
-        ({"online": True}, ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot"]),
-        ({"no_export": True}, []),
-        ({"keypoints": ()}, []),
+        (2, Wanted(), ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot"]),
+        (1, Wanted(), [f"a-assumed-density{end}" for end in (".trc", "_lower.trc", "_upper.trc", ".mot")]),
+        (2, Wanted(smooth="none"), ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot"]),
+        (2, Wanted(export=False), []),
     ],
 )
-def test_where_exports_go(options: dict[str, object], expected: list[str]) -> None:
-    asked = {"keypoints": ("cam=pose", "cam2=pose"), "online": None, "no_export": None, "smooth_method": None} | options
-    best = smoothed_target(asked, Path("out/a.nc")) or Path("out/a.nc")
-    assert exported_targets(asked, best) == [Path("out") / name for name in expected]
+def test_where_exports_go(cameras: int, wanted: Wanted, expected: list[str]) -> None:
+    source = KeypointSettings({f"cam{number}": "pose" for number in range(cameras)}, "rig.toml")
+    plan = planned(source, TrackSettings(), wanted._replace(output="a.nc"))
+    assert plan.exported == [Path(name) for name in expected]
 
 
 def test_people_of_a_recording_have_files_of_their_own() -> None:
@@ -140,20 +145,20 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (["--camera", "x.toml"], "--camera does not go with --keypoints"),
-        (["--observations", "x.csv"], "not two of them"),
-        (["--keypoints", "pose"], "CAMERA=FILE"),
+        (["--camera", "x.toml"], "--camera: 'x.toml' (expected CAMERA:NAME=VALUE"),
+        (["--skeleton", "x.toml"], "--skeleton is an option of poseppl track recording and points"),
+        (["pose"], "CAMERA=FILE"),
         (["--person", "9"], "people are seen by two cameras"),
         (["--layout", "body26"], "coco17"),
         (["--detector", "mine"], "openpose, alphapose, mmpose"),
-        (["--offset", "cam_09=3"], "no keypoints of a camera 'cam_09'"),
-        (["--offset", "cam_04=soon"], "'soon' is not a number"),
-        (["--camera-rate", "cam_04=0"], "0.001 to 100000 frames a second"),
+        (["--camera", "cam_09:offset=3"], "no keypoints of a camera 'cam_09'"),
+        (["--camera", "cam_04:offset=soon"], "'soon' is not a number"),
+        (["--camera", "cam_04:rate=0"], "0.001 to 100000 frames a second"),
         (["--unit", "feet"], "mm, cm, dm, m, in, or a number of mm"),
-        (["--image-size", "cam_09=960x540"], "no camera 'cam_09' in the calibration"),
-        (["--image-size", "cam_04=half"], "such as cam2=960x540"),
-        (["--image-size", "cam_04=0x540"], "such as cam2=960x540"),
-        (["--image-size", "cam_01=544x960", "--image-size", "cam_04=544x960"], "--image-size cam_01=1088x1920"),
+        (["--camera", "cam_09:size=960x540"], "no camera 'cam_09' in the calibration"),
+        (["--camera", "cam_04:size=half"], "such as cam2:size=960x540"),
+        (["--camera", "cam_04:size=0x540"], "such as cam2:size=960x540"),
+        (["--camera", "cam_01:size=544x960", "--camera", "cam_04:size=544x960"], "--camera cam_01:size=1088x1920"),
     ],
 )
 def test_what_does_not_fit_is_told(
@@ -164,19 +169,11 @@ def test_what_does_not_fit_is_told(
     assert not Path("out.nc").exists()
 
 
-@pytest.mark.full
-def test_options_of_keypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["track", "--person", "2"]) == 2
-    assert "--person goes with --keypoints" in capsys.readouterr().err
-    assert main(["track", "--keypoints", "a=b"]) == 2
-    assert "--keypoints needs --calibration" in capsys.readouterr().err
-
-
 def test_the_calibration_that_the_options_give(tmp_path: Path) -> None:
     camera = CameraRecord("a", np.diag([900.0, 900.0, 1.0]), np.zeros(5), np.eye(3), np.array([1.0, 2.0, 3.0]), (1920, 1080))
     write_cameras(tmp_path / "rig.toml", [camera, camera._replace(name="b")])
-    options = {"calibration": str(tmp_path / "rig.toml"), "unit": None, "up": "y", "image_size": ("b=960x540",)}
-    found = calibration_of(options)
+    files = {"a": "pose/a", "b": "pose/b"}
+    found = calibration_of(KeypointSettings(files, tmp_path / "rig.toml", up="y", camera=("b:size=960x540",)))
     assert found.up == "y" and [record.size for record in found.cameras] == [(1920, 1080), (960, 540)]
     np.testing.assert_allclose([record.matrix[0, 0] for record in found.cameras], [900, 450])
     np.testing.assert_allclose(found.cameras[0].rotation @ [1, -3, 2], [1, 2, 3])  # (x, -z, y) of the world is (1, 2, 3)

@@ -1,4 +1,4 @@
-"""`poseppl track --keypoints --live` on a real recording, whose files come while it runs."""
+"""`poseppl track live` on a real recording, whose files come while it runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from poseppl.runs.results import load_result
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 FRAMES, CAMERAS = 10, (1, 2, 3, 4)
-SMALL = ["--live", "--start", "0.08", "--wait", f"{PATIENCE:g}", "--filter", "kalman", "--max-draws", "50", "-q"]
+SMALL = ["--start", "0.08", "--wait", f"{PATIENCE:g}", "--filter", "kalman", "--max-draws", "50", "-q"]
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def _files(here: None) -> None:
 @pytest.fixture
 def options(data_dir: Path) -> list[str]:
     """Those of the recording, of folders here that are still empty."""
-    return [re.sub(r"=.*(cam0\d)_json", r"=\1", word) for word in words(data_dir, *CAMERAS)]
+    return [re.sub(r"=.*(cam0\d)_json", r"=\1", word) for word in words(data_dir, *CAMERAS, source="live")]
 
 
 def files(data_dir: Path, frame: int) -> list[Path]:
@@ -114,12 +114,12 @@ def test_lines_that_cannot_be_written_are_told_and_cost_nothing(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (["--frames", "0:5"], "--frames does not go with --live"),
-        (["--offset", "cam_04=3"], "--offset does not go with --live"),
-        (["--checkpoint", "run"], "--checkpoint does not go with --live"),
+        (["--frames", "0:5"], "--frames is an option of poseppl track recording and observations and keypoints and points"),
+        (["--camera", "cam_04:offset=3"], "--camera: frames of the same number are of one time"),
+        (["--checkpoint", "run"], "--checkpoint is an option of poseppl track recording"),
         (["--walk", "learned"], "--walk learned needs the whole recording"),
-        (["--detector", "deeplabcut"], "--live reads one file a frame"),
-        (["--keypoints", "cam_05=cam01"], "no camera 'cam_05' in the calibration"),
+        (["--detector", "deeplabcut"], "--detector: live folders have one file a frame"),
+        (["cam_05=cam01"], "no camera 'cam_05' in the calibration"),
     ],
 )
 def test_what_does_not_go_with_it_is_told(
@@ -133,15 +133,13 @@ def test_what_does_not_go_with_it_is_told(
 def test_folders_are_followed_and_files_are_not(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calibration = str(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml")
     Path("points.csv").write_text("scorer,a,a,a\n")
-    for source, expected in (("points.csv", ", cam_01: a file (expected with --live a folder"), ("nowhere", ": no such file")):
+    for source, expected in (("points.csv", ", cam_01: a file (expected a folder"), ("nowhere", ": no such file")):
         given: list[Any] = ["--keypoints", f"cam_01={source}", "--calibration", calibration]
-        assert main(["track", *given, "--live"]) == 1
+        assert main(["track", *given, "--live"]) == 1  # as before there was a command for it
         assert f"{source}{expected}" in capsys.readouterr().err
 
 
 @pytest.mark.full
 def test_live_options_alone(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["track", *options, "--idle", "3"]) == 2
-    assert "--idle goes with --live" in capsys.readouterr().err
-    assert main(["track", "--live"]) == 2
-    assert "--live goes with --keypoints" in capsys.readouterr().err
+    assert main(["track", "keypoints", *options[1:], "--idle", "3"]) == 2
+    assert "--idle is an option of poseppl track live" in capsys.readouterr().err

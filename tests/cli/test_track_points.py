@@ -1,4 +1,4 @@
-"""`poseppl track --keypoints` of named points: a fly's legs, of which a few frames are smoothed."""
+"""`poseppl track points`: a fly's legs, of which a few frames are smoothed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _files(here: None) -> None:
 def words(data_dir: Path, *more: str) -> list[str]:
     folder = data_dir / "fly_legs"
     files = [f"Cam-{letter}={next(folder.glob(f'*Cam-{letter}*rng=0.csv'))}" for letter in "AB"]
-    return ["track", "--keypoints", *files, "--calibration", str(folder / "calibration.toml"), "--rate", "100", *more]
+    return ["track", "points", *files, "--calibration", str(folder / "calibration.toml"), "--rate", "100", *more]
 
 
 @pytest.mark.slow
@@ -76,15 +76,14 @@ def test_lengths_have_the_unit_that_is_given(
     ("change", "told"),
     [
         (["--skeleton", "none.toml"], "none.toml"),
-        (["--skeleton", "legs.toml", "--stature", "1700"], "--stature does not go with"),
-        (["--offset", "Cam-A=3"], "--offset does not go with"),
-        (["--camera-rate", "Cam-A=50"], "--camera-rate does not go with"),
-        (["--keep-clocks"], "--keep-clocks does not go with"),
-        (["--filter", "hmc"], "--filter does not go with"),
+        (["--skeleton", "legs.toml", "--stature", "1700"], "--stature is an option of poseppl track observations"),
+        (["--camera", "Cam-A:offset=3"], "--camera: frames of the same number are of one time"),
+        (["--keep", "clocks"], "--keep is an option of poseppl track keypoints"),
+        (["--filter", "hmc"], "--filter is an option of poseppl track recording"),
         (["--detector", "sleap"], "Cam-A"),
         (["--unit", "feet"], "mm, cm, dm, m, in, or a number of mm"),
         (["--person", "2"], "--person"),
-        (["--keypoints", "Cam-X=legs.toml"], "Cam-X"),
+        (["Cam-X=legs.toml"], "Cam-X"),
     ],
 )
 def test_what_does_not_fit_is_told(data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], told: str) -> None:

@@ -1,4 +1,4 @@
-"""`poseppl track --video`: silhouettes of a person in two videos, and what is said of files that do not fit."""
+"""`poseppl track videos`: silhouettes of a person in two videos, and what is said of files that do not fit."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_videos_are_smoothed_while_they_are_at_hand(room, tracked, tmp_path, cap
     smoothed = load_result(tmp_path / "seen-backward-simulation.nc")
     assert provenance(smoothed)["smoother"] == "backward-simulation" and smoothed["posterior"].sizes["frame"] == 3
     status, told = main(["smooth", str(tracked / "seen.nc")]), " ".join(capsys.readouterr().err.split())
-    assert status == 1 and "track --smooth" in told
+    assert status == 1 and "track it with --smooth METHOD" in told
 
 
 @pytest.mark.full
@@ -138,10 +138,13 @@ def test_the_result_tells_how_silhouettes_were_found(tracked):
         (lambda room: [*videos(room), "--background", f"left={room}/square.png"], "camera left.*90 x 90 pixels.*240 x 180"),
         (lambda room: [*videos(room), "--masks", f"middle={room}/left.mp4"], "--masks.*no video of .*'middle'.*left, right"),
         (lambda room: [*videos(room), "--masks", f"left={room}/square.png"], "camera left: the mask has 90 x 90 pixels"),
-        (lambda room: ["--video", room / "scene", "--masks", room / "left.mp4"], "--masks.*has its own.*no such option"),
-        (lambda room: [*videos(room), "--cameras", "2"], "--cameras does not go with --video"),
+        (lambda room: ["--video", room / "scene", "--masks", room / "left.mp4"], "--masks.*has its own.*none with a scene"),
+        (lambda room: [*videos(room), "--cameras", "2"], "--cameras is an option of poseppl track recording"),
         (lambda room: [*videos(room), *empty(room), "--facing", "middle"], "--facing.*no camera 'middle'.*left, right"),
-        (lambda room: ["--stature", "1700"], "--stature goes with --video"),
+        (
+            lambda room: ["--stature", "1700"],
+            "--stature is an option of poseppl track observations and keypoints and live and videos",
+        ),
     ],
 )
 def test_what_does_not_fit_is_told(room, tmp_path, capsys, change, words):
@@ -181,7 +184,7 @@ def test_a_person_who_leaves_is_predicted_or_stops_the_run(room, tmp_path, capsy
     assert re.search("camera left, frame 2.*does not count", text) and re.search("camera right, frame 2", text), text
     found = load_result(tmp_path / "gone.nc")["summary"].dataset["markers_mean"].values
     assert len(found) == 3 and np.isfinite(found).all()
-    status, text = run(capsys, *words, "--on-failure", "stop", "-o", tmp_path / "stopped.nc")
+    status, text = run(capsys, *words, "--set", "on_failure=stop", "-o", tmp_path / "stopped.nc")
     assert status == 1 and re.search("camera left, frame 2.*no foreground", text), text
     assert not (tmp_path / "stopped.nc").exists()
 
@@ -198,7 +201,7 @@ def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path,
     status, text = run(capsys, *words, "-o", tmp_path / "short.nc")
     assert status == 0 and re.search("camera left, frame 2.*ends before this frame", text), text
     assert load_result(tmp_path / "short.nc")["posterior"].sizes["frame"] == 2
-    status, text = run(capsys, *words, "--on-failure", "stop", "-o", tmp_path / "stopped.nc")
+    status, text = run(capsys, *words, "--set", "on_failure=stop", "-o", tmp_path / "stopped.nc")
     assert status == 1 and re.search("camera left, frame 2", text), text
     assert not (tmp_path / "stopped.nc").exists()
 

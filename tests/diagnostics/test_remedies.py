@@ -34,13 +34,14 @@ def test_a_remedy_is_an_argument_in_python_and_an_option_of_the_command_line() -
         "Too narrow: use walk='learned', raise sigma_angle or num_chains, use target='posterior', or add a camera."
     )
     assert found.worded(as_option) == (
-        "Too narrow: use --walk learned, raise --sigma-angle or --set num_chains, use --set target=posterior, or add a camera."
+        "Too narrow: use --walk learned, raise --set sigma_angle or --set num_chains, use --set target=posterior, "
+        "or add a camera."
     )
     assert Verdict("info", "Right.").worded(as_option) == "Right." and str(found) == f"warning: {found.text}"
     assert Verdict("info", "Few;", remedies[:1]).text == "Few; use walk='learned'."
 
 
-PYTHON, OPTIONS = "raise noise, sigma_angle", "raise --noise, --sigma-angle"
+PYTHON, OPTIONS = "raise noise, sigma_angle", "raise --noise, --set sigma_angle"
 
 
 def test_the_command_names_options(capsys: pytest.CaptureFixture[str]) -> None:

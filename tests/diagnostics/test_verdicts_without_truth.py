@@ -23,14 +23,14 @@ def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():
     assert "error: Image points" in texts(kalman_tree(noise=6.0))
     assert "warning: Image points" in texts(kalman_tree(noise=1.5))
     assert "error: Angles" in texts(kalman_tree(told_walk=0.05))
-    assert "lower --sigma-angle" in texts(kalman_tree(told_walk=20.0, noise=0.5, told=0.5))
+    assert "lower --set sigma_angle" in texts(kalman_tree(told_walk=20.0, noise=0.5, told=0.5))
 
 
 @pytest.mark.parametrize("wrong", [{"noise": 6.0}, {"told_walk": 0.05}, {"told_walk": 20.0, "noise": 0.5, "told": 0.5}])
 def test_with_a_learned_prior_no_option_of_the_walk_is_advised(wrong):
     tree = kalman_tree(**wrong)
     tree.attrs["prior"] = "walk.nc"
-    assert "--sigma" not in texts(tree) and "--prior" in texts(tree)
+    assert "sigma_" not in texts(tree) and "--prior" in texts(tree)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_missing_points_and_points_of_changing_noise_count_as_they_should():
 def test_steps_in_units_of_the_walk(scale, words, group):
     of_group = np.array([group == "Translations"] * 2 + [group == "Angles"] * 3)
     found = texts(steps_tree(np.where(of_group, scale, 1.0)))
-    other, option = ("Angles", "--sigma-position") if group == "Translations" else ("Translations", "--sigma-angle")
+    other, option = ("Angles", "--set sigma_position") if group == "Translations" else ("Translations", "--set sigma_angle")
     assert other not in found
     assert (words.format(group) in found and option in found) if words else group not in found
 

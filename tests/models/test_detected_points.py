@@ -82,7 +82,7 @@ def scene() -> Scene[PointData]:
 
 @pytest.fixture(scope="module")
 def filtered(scene: Scene[PointData]) -> xr.DataTree:
-    return track(scene, TrackSettings(filter="kalman"))
+    return track(scene, TrackSettings(filter="kalman")).result
 
 
 def shares_held(tree: xr.DataTree, scene: Scene[PointData]) -> Floats:
@@ -177,7 +177,7 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
     problem = with_ar1_noise(make_problem(scene), scene.frames, scene.rate)
     with pytest.raises(InputError, match="whole body"):
         with_ar1_noise(problem, scene.frames, scene.rate)
-    with pytest.raises(InputError, match="--errors"):
+    with pytest.raises(InputError, match="errors: "):
         smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]
     cameras = jax.tree.map(lambda leaf: leaf[:1], scene.cameras)
     data = scene.data._replace(points=scene.data.points[:, :1], noise=np.asarray(scene.data.noise)[:1])

@@ -158,7 +158,7 @@ def small_result(**settings):
     chosen = TrackSettings(
         "poseppl_models.bodies.choo_fleet:arm", "particle", {"num_particles": 300}, max_draws=200, **settings
     )
-    return track(scene, chosen)
+    return track(scene, chosen).result
 
 
 @pytest.mark.full
@@ -204,7 +204,7 @@ def test_results_without_a_genealogy_or_its_settings_are_refused():
     settings = json.loads(tree.attrs["settings"])
     tree.attrs["filter"] = json.dumps("kalman")
     tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order", "num_iterations": 1})
-    with pytest.raises(InputError, match="'kalman' has no genealogy.*track --filter particle"):
+    with pytest.raises(InputError, match="'kalman' has no genealogy.*of the filter particle"):
         smooth(tree, SmoothSettings("genealogy"))
     tree.attrs["filter"] = json.dumps("particle")
     for particles, message in [

@@ -55,7 +55,9 @@ def _sequences(tables: Tables) -> list[Claim]:
         error = {name: measured(row, name) for name in ERRORS}
         bar: dict[str, float] = {name: held[row["scene"]][name] for name in ERRORS}
         closer = {name: error[name].interval.below((1 - MATTERS) * bar[name]) for name in ERRORS}
-        what = f"Section 4, Fig. 3: {row['method'].replace('DE-MC (velocity), ', '')} particles follow {row['scene']}"
+        size = row["method"].removeprefix("DE-MC (velocity), ").removesuffix(TUNED)
+        tuned = f"{TUNED}," if row["method"].endswith(TUNED) else ""
+        what = f"Section 4, Fig. 3: {size} particles{tuned} follow {row['scene']}"
         told = " and ".join(f"{name} {error[name].told()} mm against {bar[name]:.0f}" for name in ERRORS)
         verdict = (
             f"{on_one_recording(all_of(closer.values()))} ({', '.join(f'{name} {each}' for name, each in closer.items())})"

@@ -61,16 +61,23 @@ def noise(tables: Tables) -> str:
     groups = grouped(filter_rows(tables, "noise"), lambda row: row["method"])
     rows = []
     for name, own in groups.items():
-        errors = [[measured(row, column) for row in own] for column in ("absolute", "relative")]
+        errors = [[measured(row, column) for row in own] for column in ("absolute", "relative", "optimistic")]
+        mean = sum(each.mean for each in errors[0]) / len(own)
         told = [", ".join(each.told() for each in column) for column in errors]
-        means = [f"{sum(each.mean for each in column) / len(column):.0f}" for column in errors]
-        rows.append(
-            [*name.split(", "), *(cell for pair in zip(means, told, strict=True) for cell in pair), str(own[0]["runs"])]
-        )
+        rows.append([*name.split(", "), f"{mean:.0f}", *told, str(own[0]["runs"])])
     if not rows:
         return ""
     held = rows_of(tables, "noise", method=HOLDING)
-    columns = ("c", "noise by the", "sigma of the", "error", "of each walk", "relative", "of each walk", "runs of each")
+    columns = (
+        "c",
+        "noise by the",
+        "sigma of the",
+        "mean error",
+        "error on each walk",
+        "relative",
+        "best particle",
+        "runs of each",
+    )
     blind = " and ".join(", ".join(f"{row[column]:.0f}" for row in held) for column in ("absolute", "relative"))
     return f"{markdown(columns, rows)}\n\nA tracker that holds the first pose has errors of {blind} mm."
 

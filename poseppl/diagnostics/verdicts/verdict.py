@@ -9,7 +9,7 @@ warning: The steps are too large; lower step_size, or use filter='kalman'.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics.selection import told
+from poseppl.errors import Argument, Wording
 from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
 
@@ -46,10 +47,10 @@ class Remedy(NamedTuple):
     value: str | None = None
     setting: bool = False
 
-
-def as_argument(remedy: Remedy) -> str:
-    """A remedy's argument and value in Python."""
-    return remedy.argument if remedy.value is None else f"{remedy.argument}={remedy.value!r}"
+    @property
+    def named(self) -> Argument:
+        """The argument, as messages name it."""
+        return Argument(self.argument, self.value, self.setting)
 
 
 class Verdict(NamedTuple):
@@ -68,12 +69,12 @@ class Verdict(NamedTuple):
     @property
     def text(self) -> str:
         """Finding and remedies, arguments as Python has them."""
-        return self.worded(as_argument)
+        return self.worded(str)
 
-    def worded(self, name: Callable[[Remedy], str]) -> str:
+    def worded(self, name: Wording) -> str:
         """Finding and remedies, arguments by the name that a function gives them."""
         alike = groupby(self.remedies, lambda remedy: remedy.words)
-        ways = [words.format(_either([name(remedy) for remedy in remedies], " or ")) for words, remedies in alike]
+        ways = [words.format(_either([name(remedy.named) for remedy in remedies], " or ")) for words, remedies in alike]
         return f"{self.finding} {_either(ways, ', or ')}." if ways else self.finding
 
     def __str__(self) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 from poseppl.files.user_code import import_named
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
@@ -88,7 +88,7 @@ class Body(NamedTuple):
         try:
             return compile_once(self.program, inputs, params)
         except ValueError as error:
-            raise InputError(str(error), field="--model") from error
+            raise InputError(str(error), field=Argument("model")) from error
 
     def places(self, states: Any) -> Floats:
         """Positions (T, K, 3) of the markers in states (T, d), mm."""
@@ -203,13 +203,15 @@ def load_builder(name: str) -> Callable[..., Any]:
     place, colon, attribute = entry_point_builders().get(name, name).rpartition(":")
     if not colon:
         raise InputError(
-            f"{brief(name)} names no builder", field="--model", expected="package.module:builder or file.py:builder"
+            f"{brief(name)} names no builder", field=Argument("model"), expected="package.module:builder or file.py:builder"
         )
-    module = import_named(place, "--model")
+    module = import_named(place, Argument("model"))
     found: Callable[..., Any] | None = getattr(module, attribute, None)
     if not callable(found):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
-        raise InputError(f"{place} has no builder {brief(attribute)}", field="--model", expected="one of " + some(known, 25))
+        raise InputError(
+            f"{place} has no builder {brief(attribute)}", field=Argument("model"), expected="one of " + some(known, 25)
+        )
     return found
 
 
@@ -224,9 +226,9 @@ def body_builder(name: str) -> Callable[[Mapping[str, float] | None], Body]:
         standard = build(None)
     except Exception as error:  # the builder's own code, too
         problem = f"{name} builds no body: {type(error).__name__}: {error}"
-        raise InputError(problem, field="--model", expected=_BUILDER) from error
+        raise InputError(problem, field=Argument("model"), expected=_BUILDER) from error
     if not isinstance(standard, Body):
-        raise InputError(f"{name} returns a {type(standard).__name__}", field="--model", expected=_BUILDER)
+        raise InputError(f"{name} returns a {type(standard).__name__}", field=Argument("model"), expected=_BUILDER)
     return build
 
 

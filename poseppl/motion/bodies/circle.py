@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.motion import Motion
 
@@ -65,7 +65,7 @@ class Bend(NamedTuple):
         root, axis = tree.coordinates[3]
         if (root, axis) != (tree.joint_names[0], "Z"):
             problem = f"the body's first angle is {root}.{axis}, and so it cannot be turned"
-            raise InputError(problem, field="--turn", expected="a body whose root turns about Z first")
+            raise InputError(problem, field=Argument("turn"), expected="a body whose root turns about Z first")
         moved = states.copy()
         moved[:, :3] = self.places(states[:, :3])
         moved[:, 3] += self.angles
@@ -88,14 +88,14 @@ def bend_along_circle(pelvis: Floats, rate: float, radius: float) -> Bend:
     """
     if not abs(radius) >= MIN_RADIUS:
         expected = f"at least {MIN_RADIUS:g} mm, or -{MIN_RADIUS:g} and below to turn right"
-        raise InputError(f"a radius of {radius:g} mm", field="--turn", expected=expected)
+        raise InputError(f"a radius of {radius:g} mm", field=Argument("turn"), expected=expected)
     path = _complete(np.asarray(pelvis, np.float64)[:, :2])
     centre, ahead = path.mean(0), _direction(path)
     along = _smoothed((path - centre) @ ahead, rate)
     way = along - along[0]
     if not way[-1] >= MIN_WAY:
         expected = f"a walk of at least {MIN_WAY:g} mm in one direction"
-        raise InputError(f"the motion goes {max(way[-1], 0.0):.0f} mm ahead", field="--turn", expected=expected)
+        raise InputError(f"the motion goes {max(way[-1], 0.0):.0f} mm ahead", field=Argument("turn"), expected=expected)
     angles, left = way / radius, np.array([-ahead[1], ahead[0]])
     before = centre + along[:, None] * ahead
     # R sin theta and R (1 - cos theta), which hold for an infinite radius, too
@@ -122,7 +122,7 @@ def _complete(path: Floats) -> Floats:
     """A path (T, 2) whose unknown places lie between those before and after."""
     known, frames = np.isfinite(path).all(-1), np.arange(len(path))
     if not known.any():
-        raise InputError("the pelvis is not known in any frame", field="--turn", expected="a motion that has it")
+        raise InputError("the pelvis is not known in any frame", field=Argument("turn"), expected="a motion that has it")
     return np.stack([np.interp(frames, frames[known], path[known, axis]) for axis in (0, 1)], axis=-1)
 
 

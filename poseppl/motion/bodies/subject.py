@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, Phrase, brief
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
 from poseppl.motion.io.motion import Motion
@@ -71,7 +71,9 @@ def match_markers(
     found: dict[str, list[str]] = {}
     for marker, points in (given or {}).items():
         if marker not in names:
-            raise InputError(f"the body has no marker {brief(marker)}", field="--names", expected="one of " + some(names, 20))
+            raise InputError(
+                f"the body has no marker {brief(marker)}", field=Argument("names"), expected="one of " + some(names, 20)
+            )
         found[marker] = [motion.names[motion.index(point)] for point in points]
     for marker in names:
         if marker not in found:
@@ -81,9 +83,10 @@ def match_markers(
         raise InputError(
             f"none of its {len(motion.names)} points ({some(motion.names)}) is a joint of the body",
             file=motion.source,
-            expected="joint centres such as "
-            + some([aliases[name][0] for name in names if aliases.get(name)])
-            + "; or --names with a table of names",
+            expected=Phrase(
+                f"joint centres such as {some([aliases[name][0] for name in names if aliases.get(name)])}; or ",
+                Argument("names", "TABLE.toml"),
+            ),
         )
     missing = np.full(motion.positions[:, 0].shape, np.nan)
     return np.stack([_mean_point(motion, found[marker]) if found[marker] else missing for marker in names], axis=1)
@@ -134,7 +137,7 @@ def fit_subject(
         raise InputError(
             f"its points ({some(motion.names)}) are too few for the body: {error}",
             file=motion.source,
-            expected="points for " + some(_absent(names, markers)) + "; name them with --names",
+            expected=Phrase(f"points for {some(_absent(names, markers))}; name them with ", Argument("names", "TABLE.toml")),
         ) from error
     body = build({**measured, **(lengths or {})})
     states, residual = fit_states(body.tree, markers, body.rest)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location, brief
+from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
 from poseppl.files.bounded_reading import read_text
 from poseppl.files.csv_reading import Line
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
@@ -87,7 +87,8 @@ def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = Non
     notes = [vertical.note()]
     if scale is None:
         scale = _guess_scale(path, float(np.ptp(rest[:, "xyz".index(vertical.axis[-1])])))
-        notes.append(f"1 unit is taken as {scale:.4g} mm, from the height at rest. --scale sets another")
+        taken = f"1 unit is taken as {scale:.4g} mm, from the height at rest. "
+        notes.append(Phrase(taken, Argument("scale"), " sets another"))
     return Motion(names, z_up(points * scale, vertical.axis), parents, rate, str(path), tuple(notes))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location, brief
+from poseppl.errors import Argument, FilePath, Location, Phrase, brief
 from poseppl.motion.io.c3d_layout import MAX_POINTS, Layout, Parameters, read_layout
 from poseppl.motion.io.c3d_numbers import real_numbers, whole_numbers
 from poseppl.motion.io.length_units import mm_per_unit
@@ -87,7 +87,9 @@ def _unit(parameters: Parameters) -> str:
 def _stated_up(at: Location, parameters: Parameters) -> str | None:
     screen = "".join(parameters.texts("POINT:Y_SCREEN")).lower().removeprefix("+")
     if screen and screen not in AXES:
-        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {brief(screen)}", "+X, +Y or +Z; or use --up")
+        raise at.in_field("POINT:Y_SCREEN").error(
+            f"the screen's vertical is {brief(screen)}", Phrase("+X, +Y or +Z; or use ", Argument("up", "z"))
+        )
     return screen or None
 
 

@@ -24,11 +24,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
-from poseppl.errors import FilePath, InputError, Location, brief
+from poseppl.errors import Argument, FilePath, InputError, Location, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_bytes, read_xml
 from poseppl.motion.io.camera_fields import (
@@ -36,6 +37,7 @@ from poseppl.motion.io.camera_fields import (
     Calibration as Calibration,
     CameraRecord as CameraRecord,
     scaled,
+    with_size,
     with_z_up,
 )
 from poseppl.motion.io.cameras_opencap import SUFFIXES as PICKLES, read_opencap_camera
@@ -47,6 +49,7 @@ from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, re
 from poseppl.motion.io.length_units import MM_PER_UNIT
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
 from poseppl.motion.io.vertical_axis import check_axis
+from poseppl.motion.settings import CameraFiles
 
 _ASSUMED = "m"
 _EXPECTED = (
@@ -69,6 +72,24 @@ def read_cameras(path: FilePath) -> tuple[CameraRecord, ...]:
             the field.
     """
     return read_calibration(path).cameras
+
+
+def calibration_of(settings: CameraFiles) -> Calibration:
+    """The calibration that settings name, with pictures of the sizes that they tell, or that they are given.
+
+    Raises:
+        InputError: The file cannot be used, or has no such camera.
+    """
+    given = settings.calibration
+    if not isinstance(given, str | PathLike):
+        return given if isinstance(given, Calibration) else Calibration(tuple(given), "mm")
+    found = read_calibration(given, settings.unit, settings.up)
+    sizes = {name: camera.size for name, camera in settings.cameras.items() if camera.size is not None}
+    names = [record.name for record in found.cameras]
+    for name in sizes:
+        if name not in names:
+            raise InputError(f"no camera {name!r} in the calibration", field=Argument("camera"), expected=", ".join(names))
+    return found._replace(cameras=tuple(with_size(each, sizes.get(each.name, each.size)) for each in found.cameras))
 
 
 def read_calibration(path: FilePath, unit: str | None = None, up: str | None = None) -> Calibration:
@@ -100,7 +121,7 @@ def mm_of_unit(unit: str) -> float:
     """
     if unit in MM_PER_UNIT:
         return MM_PER_UNIT[unit]
-    at = Location(field="--unit")
+    at = Location(field=Argument("unit"))
     try:
         mm = parse_number(unit.strip(), at)
     except InputError as error:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError, Location, brief
+from poseppl.errors import Argument, InputError, Location, brief
 from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
 
 MAX_FRAMES = 1_000_000
@@ -146,7 +146,7 @@ def check_different(found: Mapping[str, DetectedPeople]) -> None:
     for one, other in combinations(found, 2):
         if np.array_equal(found[one].points, found[other].points, equal_nan=True):
             problem = f"{one} and {other} have the same points in all frames"
-            raise InputError(problem, field="--keypoints", expected="a file of its own for each camera")
+            raise InputError(problem, field=Argument("files"), expected="a file of its own for each camera")
 
 
 def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:

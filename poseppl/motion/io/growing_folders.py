@@ -16,7 +16,7 @@ from threading import Event
 from typing import NamedTuple
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import Argument, FilePath, InputError, Location, Phrase
 from poseppl.motion.io.json_people import frame_number
 from poseppl.motion.io.keypoints import read_frame
 
@@ -147,7 +147,7 @@ class GrowingFolders:
         for name, folder in folders.items():
             if not Path(folder).is_dir():
                 problem = "a file" if Path(folder).exists() else "no such folder"
-                expected = "with --live a folder that a detector writes one JSON file a frame to, OpenPose or MMPose"
+                expected = "a folder that a detector writes one JSON file a frame to, OpenPose or MMPose"
                 raise Location(folder, field=name).error(problem, expected)
         self._folders = [_Folder(name, folder, detector) for name, folder in folders.items()]
         self._least = min(2, len(self._folders))
@@ -219,7 +219,8 @@ class GrowingFolders:
         if folder.name not in self._absent:
             self._absent.add(folder.name)
             lacks = "it has no file" if folder.path.is_dir() else f"{folder.path} is gone, it has no file"
-            self._note(f"{folder.name}: {lacks} of frame {number}, and sees nobody until it has (--wait {self._wait:g})")
+            missing = f"{folder.name}: {lacks} of frame {number}, and sees nobody until it has ("
+            self._note(Phrase(missing, Argument("wait", self._wait), ")"))
         folder.people[number] = None
         return True
 
@@ -230,7 +231,7 @@ class GrowingFolders:
         except InputError as error:
             if now - folder.files[number].came <= self._wait:
                 return False
-            self._note(f"{folder.name}: it sees nobody in frame {number}: {error}")
+            self._note(Phrase(f"{folder.name}: it sees nobody in frame {number}: ", error.message))
             folder.people[number] = None
         return True
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location, brief
+from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
 from poseppl.files.bounded_reading import read_bytes
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
@@ -86,10 +86,10 @@ def read_keypoints(
         case "caliscope":
             found = _camera_of(read_caliscope_points(path), camera, Location(path))
         case _:
-            raise InputError(brief(kind), field="--detector", expected=", ".join(DETECTORS))
+            raise InputError(brief(kind), field=Argument("detector"), expected=", ".join(DETECTORS))
     if layout is not None and layout != found.layout:
         chosen = check_layout(layout, len(found.names), Location(path))
-        raise InputError(f"{kind} names its points, which are not {chosen}", field="--layout", expected="no --layout")
+        raise InputError(f"{kind} names its points, which are not {chosen}", field=Argument("layout"), expected="none")
     return found
 
 
@@ -130,7 +130,7 @@ def detector_of(path: FilePath) -> str:
         return "freemocap"
     kind = _kind_of_csv(path) if suffix == ".csv" else _kind_of_json(read_json(path)) if suffix == ".json" else None
     if kind is None:
-        raise at.error("no keypoints of a detector that is known", f"{expected}; --detector says which")
+        raise at.error("no keypoints of a detector that is known", Phrase(f"{expected}; ", Argument("detector"), " says which"))
     return kind
 
 

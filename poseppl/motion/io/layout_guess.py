@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError, Location, brief
+from poseppl.errors import Argument, InputError, Location, brief
 from poseppl.motion.io.detections import DetectedPeople
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 
@@ -51,7 +51,7 @@ def check_layout(layout: str, count: int, at: Location) -> str:
         InputError: It is not, or has not.
     """
     if layout not in LAYOUTS:
-        raise InputError(brief(layout), field="--layout", expected=", ".join(LAYOUTS))
+        raise InputError(brief(layout), field=Argument("layout"), expected=", ".join(LAYOUTS))
     if len(LAYOUTS[layout]) != count:
         raise at.error(f"people with {count} points", f"{len(LAYOUTS[layout])}, as {layout} has")
     return layout

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from poseppl.errors import Location, brief
+from poseppl.errors import Argument, Location, Phrase, brief
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
+UNKNOWN_UNIT = Phrase("the calibration does not state its unit; metres are assumed (", Argument("unit"), " sets it)")
 
 
 def mm_per_unit(unit: object, at: Location) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import Argument, FilePath, Location, Phrase
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.amc import CMU_RATE, read_amc
 from poseppl.motion.io.asf import read_asf
@@ -62,11 +62,12 @@ def read_motion(
 def _read_with_skeleton(path: FilePath, suffix: str, skeleton: FilePath | None, rate: float) -> Motion:
     if suffix == ".amc":
         if skeleton is None:
-            raise Location(path).error("an .amc file needs its skeleton", "--skeleton FILE.asf, or FILE.amc,FILE.asf")
+            expected = Phrase(Argument("skeleton", "FILE.asf"), ", or FILE.amc,FILE.asf")
+            raise Location(path).error("an .amc file needs its skeleton", expected)
         return read_amc(path, read_asf(skeleton), rate=rate)
     mimic = not read_text(path).lstrip().startswith(tuple("+-.0123456789"))
     if skeleton is None:
         wanted = "humanoid3d.txt" if mimic else "skeleton.json"
         problem = "a DeepMimic motion needs its character" if mimic else "exponential maps need their skeleton"
-        raise Location(path).error(problem, f"--skeleton {wanted}, or FILE.txt,{wanted}")
+        raise Location(path).error(problem, Phrase(Argument("skeleton", wanted), f", or FILE.txt,{wanted}"))
     return read_deepmimic(path, skeleton) if mimic else read_exponential_maps(path, skeleton, rate=rate)

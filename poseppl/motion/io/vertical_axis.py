@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import Location, brief
+from poseppl.errors import Argument, Location, Phrase, brief
 from poseppl.motion.io.name_matching import folded, without_prefixes
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
-_GIVEN = "--up says so"
+_GIVEN = Phrase(Argument("up"), " says so")
 _ALONG = 0.8
 """Length of the mean direction's part along an axis, at least: upright in most frames, and within 37 degrees of it."""
 _FEW = 5
@@ -48,11 +48,11 @@ class VerticalAxis(NamedTuple):
     reason: str
     certain: bool
 
-    def note(self) -> str:
+    def note(self) -> Phrase:
         """Say which axis was taken, and how to choose another."""
         verb = "is" if self.certain else "is assumed to be"
-        hint = "" if self.reason == _GIVEN else ". --up sets another axis"
-        return f"{self.axis.upper()} {verb} up: {self.reason}{hint}"
+        hint = () if self.reason == _GIVEN else (". ", Argument("up"), " sets another axis")
+        return Phrase(f"{self.axis.upper()} {verb} up: ", self.reason, *hint)
 
 
 def check_axis(up: str | None) -> None:
@@ -62,7 +62,7 @@ def check_axis(up: str | None) -> None:
         InputError: It is neither.
     """
     if up is not None and up not in AXES:
-        raise Location(field="--up").error(f"{brief(up)} is no axis", ", ".join(AXES))
+        raise Location(field=Argument("up")).error(f"{brief(up)} is no axis", ", ".join(AXES))
 
 
 def vertical_axis(

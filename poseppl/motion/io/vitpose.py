@@ -1,4 +1,4 @@
-"""Points as easy_ViTPose writes them (``--save-json``): one JSON file, one entry a frame, one list of points a track.
+"""Points as easy_ViTPose writes them (its JSON): one JSON file, one entry a frame, one list of points a track.
 
     {"keypoints": [{"0": [[y, x, confidence], ...], "3": ...}, ...], "skeleton": {"0": "nose", ...}}
 

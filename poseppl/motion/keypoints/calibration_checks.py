@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from poseppl.arrays import Floats
+from poseppl.errors import Argument, Phrase
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate, viewing_rays
 from poseppl.motion.io.vertical_axis import VerticalAxis, named_axis, vertical_axis
@@ -55,6 +56,9 @@ def calibration_notes(places: Floats, markers: Sequence[str]) -> list[str]:
     if not ratios or 1 / LARGEST_FACTOR <= (ratio := float(np.median(ratios))) <= LARGEST_FACTOR:
         return []
     return [
-        f"the person is about {STATURE * ratio:.2g} m tall: the calibration's unit of length (--unit), or the size of its "
-        "pictures, is wrong"
+        Phrase(
+            f"the person is about {STATURE * ratio:.2g} m tall: the calibration's unit of length (",
+            Argument("unit"),
+            "), or the size of its pictures, is wrong",
+        )
     ]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
@@ -65,7 +65,7 @@ def infer_unit(
     if len(ratios) < _MIN_SEGMENTS:
         raise InputError(
             "the calibration does not state its unit of length, and too little of a person is seen by two cameras to tell it",
-            field="--unit",
+            field=Argument("unit"),
             expected=", ".join(_UNITS),
         )
     middle = float(np.median(ratios))
@@ -74,7 +74,7 @@ def infer_unit(
     if not 1 / LARGEST_FACTOR <= stature / STATURE <= LARGEST_FACTOR:
         raise InputError(
             f"the calibration does not state its unit of length, and in {name} the person would be {stature:.2g} m tall",
-            field="--unit",
+            field=Argument("unit"),
             expected=f"{', '.join(_UNITS)}, or how many mm it has, perhaps {1000 / middle:.3g}",
         )
     return [scaled(record, MM_PER_UNIT[name] / MM_PER_UNIT["m"]) for record in records], Unit(name, stature)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.io import DetectedPeople
 
@@ -91,11 +91,11 @@ def align(people: Sequence[DetectedPeople], clocks: Sequence[Clock], frames: str
     alone = len(people) > 1 and any((low[c] > high[o].max()) or (high[c] < low[o].min()) for c, o in enumerate(others))
     if alone or np.any(low > high):
         told = ", ".join(f"{first:.0f} to {last:.0f}" for first, last in spans)
-        raise InputError(f"no common frame: {told}", field="--keypoints", expected="files of the same frame numbers")
+        raise InputError(f"no common frame: {told}", field=Argument("files"), expected="files of the same frame numbers")
     second = min(2, len(people)) - 1
     first, last = int(np.sort(low)[second]), int(np.sort(high)[::-1][second])
     numbers = np.arange(first, last + 1)
-    numbers = numbers[FrameRange.parse(frames).within(len(numbers), "--keypoints")]
+    numbers = numbers[FrameRange.parse(frames).within(len(numbers), "the files' common frames")]
     found = [resampled(one, clock.positions(one, numbers), numbers) for one, clock in zip(people, clocks, strict=True)]
     return Aligned(found, numbers, spans)
 

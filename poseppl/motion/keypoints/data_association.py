@@ -25,7 +25,7 @@ from scipy.special import softmax
 
 from poseppl.arrays import Floats, Integers
 from poseppl.compilation import double_precision
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import DetectedPeople
@@ -77,14 +77,18 @@ class Association(NamedTuple):
 
     def notes(self, cameras: Sequence[str], frames: Integers) -> list[str]:
         """What the user should know, a sentence each."""
-        told = []
+        told: list[str] = []
         for c, camera in enumerate(cameras):
             for number, pair in enumerate(self.pairs):
                 wrong = np.flatnonzero(self.swaps[:, c, number] > 0.5)
                 if wrong.size:
                     told.append(
-                        f"{camera}: left and right {pair} are swapped in {wrong.size} frames ({_some(frames[wrong])}); this "
-                        "is corrected (--keep-detections disables it)"
+                        Phrase(
+                            f"{camera}: left and right {pair} are swapped in {wrong.size} frames ({_some(frames[wrong])}); "
+                            "this is corrected (",
+                            Argument("keep", "detections"),
+                            " disables it)",
+                        )
                     )
             doubtful = np.flatnonzero(self.identity[:, c] < SURE)
             if doubtful.size:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import expit, logit, ndtri, stdtrit
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.points.named_points import MAX_SURE, MIN_SURE
 
@@ -78,7 +78,7 @@ class DetectorErrors(NamedTuple):
         if not np.isfinite(size).all():
             raise InputError(
                 "a camera's distance from the person is not known",
-                field="--detector-errors",
+                field=Argument("noise"),
                 expected="two cameras that see the person",
             )
         scale, odds = self.scale_and_odds(self.log_scales(markers), logits(confidence))

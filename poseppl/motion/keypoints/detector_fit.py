@@ -19,7 +19,7 @@ from scipy.special import expit
 
 from poseppl.arrays import Floats
 from poseppl.compilation import double_precision, jit
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.held_out_cameras import DrawnPlaces, SeenPoints, draw_places, log_predictions
 
@@ -55,7 +55,7 @@ def fit_detector(seen: SeenPoints, markers: Sequence[str], source: str, seed: in
     if len(seen.marker) < MIN_POINTS:
         raise InputError(
             f"three cameras see {len(seen.marker)} points",
-            field="--keypoints",
+            field=Argument("files"),
             expected=f"{MIN_POINTS} or more",
         )
     middle = float(np.median(seen.logit[seen.seen]))

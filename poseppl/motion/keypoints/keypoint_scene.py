@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
+from poseppl.errors import Argument, Phrase
 from poseppl.motion.keypoints.camera_errors import CameraErrors
 from poseppl.motion.keypoints.camera_refinement import RefinedCameras
 from poseppl.motion.keypoints.data_association import Association
@@ -26,18 +27,31 @@ LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
 MIN_ABSENCE = 5
 """Frames in a row in which no camera sees the person that are reported."""
-_ASSUMED = (
-    "the person is taken to be {:.2f} +- {:.2f} m tall (SD), because these cameras cannot tell; --stature or --lengths set it. "
-    "A person who is 1 % taller is 1 % farther away, which the intervals {}"
-)
+
+
+def _stature_note(alone: bool) -> Phrase:
+    """That a stature is assumed, of one camera alone or of several."""
+    mean, deviation = (value / 1000 for value in POPULATION)
+    return Phrase(
+        f"the person is taken to be {mean:.2f} +- {deviation:.2f} m tall (SD), because these cameras cannot tell; ",
+        Argument("stature"),
+        " or ",
+        Argument("lengths"),
+        " set it. A person who is 1 % taller is 1 % farther away, which the intervals "
+        + ("include" if alone else "do not include"),
+    )
 
 
 def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
     """A sentence for each camera that is turned or moved by much, the worst first."""
     turns, shifts = np.rad2deg(np.linalg.norm(refined.turn, axis=-1)), np.linalg.norm(refined.shift, axis=-1)
     return [
-        f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is "
-        "corrected (--keep-calibration disables it)"
+        Phrase(
+            f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is "
+            "corrected (",
+            Argument("keep", "calibration"),
+            " disables it)",
+        )
         for c in np.argsort(-turns)
         if turns[c] > TOLD_ANGLE or shifts[c] > TOLD_POSITION
     ]
@@ -109,11 +123,10 @@ class KeypointScene(NamedTuple):
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
-        known = f"for {self.layout} (--layout)" if self.layout else "by their names"
-        told = [f"keypoints are read {known}", *self.told]
+        known = (f"for {self.layout} (", Argument("layout"), ")") if self.layout else ("by their names",)
+        told = [Phrase("keypoints are read ", *known), *self.told]
         if self.size == "assumed":
-            alone = "include" if len(self.scene.camera_names) == 1 else "do not include"
-            told.append(_ASSUMED.format(*(value / 1000 for value in POPULATION), alone))
+            told.append(_stature_note(len(self.scene.camera_names) == 1))
         if self.detector_errors is not None:
             told.append(f"the detector's errors are those of {self.detector_errors.source}")
         told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
@@ -126,7 +139,8 @@ class KeypointScene(NamedTuple):
         told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
         told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
         if self.num_leaps:
-            told.append(f"{self.num_leaps} points leap away and back, and count as not seen (--keep-detections keeps them)")
+            leaps = f"{self.num_leaps} points leap away and back, and count as not seen ("
+            told.append(Phrase(leaps, Argument("keep", "detections"), " keeps them)"))
         for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
             if np.linalg.norm(bias) > LARGEST_BIAS * scale:
                 told.append(

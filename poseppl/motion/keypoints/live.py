@@ -9,6 +9,7 @@ cameras share a clock, and left and right are taken as the detector has them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -16,20 +17,22 @@ import numpy as np
 import xarray as xr
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import Argument, FilePath, InputError, Location
 from poseppl.motion.geometry.triangulation import triangulate
-from poseppl.motion.io import Calibration, DetectedPeople
+from poseppl.motion.io import DetectedPeople
 from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.json_people import same_points
 from poseppl.motion.io.layout_guess import with_layout
 from poseppl.motion.keypoints.people import FollowedPerson
-from poseppl.motion.keypoints.scene import noise_of_points, scene_of_keypoints, with_markers
-from poseppl.motion.keypoints.sources import Clocks, points_of
+from poseppl.motion.keypoints.scene import noise_of_points, noise_of_settings, scene_of_keypoints, with_markers
+from poseppl.motion.keypoints.settings import PersonSettings
+from poseppl.motion.keypoints.sources import points_of
+from poseppl.motion.settings import TrackSettings
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, along_rays, stature_draws
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import with_frames
-from poseppl.motion.tracking.track import Tracking, TrackSettings, prepare
+from poseppl.motion.tracking.track import Tracking, prepare
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.runs.compiled_scan import StepOutput
 from poseppl.runs.labels import QUANTILES
@@ -65,13 +68,10 @@ class LiveTrack:
     """A person who is tracked live.
 
     Args:
-        folders: The cameras' folders, by name.
-        calibration: Their calibration.
+        source: The cameras' folders, and whom they see.
         first: The first frames.
         settings: How to track; without a learned walk or a learned prior.
-        note: Who is told of what the user should know.
-        rate: Frames a second; 30 if None.
-        **more: Of :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints`.
+        note: Is called with each sentence that the user should know.
 
     Attributes:
         estimate: Where the joints are in the first frames.
@@ -84,26 +84,22 @@ class LiveTrack:
 
     def __init__(
         self,
-        folders: Mapping[str, FilePath],
-        calibration: Calibration,
+        source: PersonSettings,
         first: Sequence[KeypointFrame],
         settings: TrackSettings,
         note: Callable[[str], None],
-        *,
-        rate: float | None = None,
-        layout: str | None = None,
-        **more: Any,
     ) -> None:
-        self._note, self._rate = note, rate or ASSUMED_RATE
-        people = _first_people(dict(folders), first, layout)
-        clocks = Clocks(self._rate, find=False)
-        self._noise: float | None = more.get("noise")
-        self._found = found = scene_of_keypoints(people, calibration, clocks=clocks, rate=rate, mend=False, **more)
+        self._note, self._rate = note, source.rate or ASSUMED_RATE
+        people = _first_people(source.files, first, source.layout)
+        noise = noise_of_settings(source)
+        self._noise = noise if isinstance(noise, int | float) else None
+        keep = (*source.keep, "clocks", "detections")
+        self._found = found = scene_of_keypoints(replace(source, files=people, layout=None, noise=noise, keep=keep))
         for told in found.notes():
             note(told)
         self._strays = {name for name in people if any(told.startswith(f"{name}: ") for told in found.told)}
-        scene = found.scene._replace(source=", ".join(map(str, folders.values())))
-        self._tracking = prepare(scene, settings._replace(max_draws=settings.max_draws or MAX_DRAWS))
+        scene = found.scene._replace(source=", ".join(map(str, source.files.values())))
+        self._tracking = prepare(scene, replace(settings, max_draws=settings.max_draws or MAX_DRAWS))
         self.markers = scene.body.tree.marker_names
         self._layout, self._names = found.layout, next(iter(people.values())).names
         placed = [with_markers(each, self.markers) for each in people.values()]
@@ -210,7 +206,7 @@ def _first_people(
         found[name] = _laid_out(people, layout, Location(folder))
     known = next((each for each in found.values() if each is not None), None)
     if known is None:
-        raise InputError(f"nobody was found in any of {len(frames)} frames", field="--keypoints", expected="a person")
+        raise InputError(f"nobody was found in any of {len(frames)} frames", field=Argument("files"), expected="a person")
     numbers = [frame.number for frame in frames]
     return {name: each or _nobody(numbers, known.layout, known.names) for name, each in found.items()}
 

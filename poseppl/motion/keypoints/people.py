@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import DetectedPeople
@@ -124,7 +124,8 @@ def associate_person(
         if not path:
             seen = f"{number - 1} people are seen" if number > 1 else "nobody is seen"
             problem = f"{seen} by two cameras whose rays agree" if len(people) > 1 else seen
-            raise InputError(problem, field="--person", expected="--person 1, cameras of one calibration, and common frames")
+            expected = "person 1, cameras of one calibration, and common frames"
+            raise InputError(problem, field=Argument("person"), expected=expected)
         if number < person:
             frames = [[g for i, g in enumerate(groups) if path.get(frame) != i] for frame, groups in enumerate(frames)]
     chosen = np.full((len(frames), len(people)), -1)

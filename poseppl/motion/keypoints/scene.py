@@ -10,19 +10,22 @@ assumed to be of any adult's stature (:mod:`poseppl.motion.tracking.assumed_stat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from os import PathLike
+from typing import Any, Literal
 
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_z_up
+from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.keypoint_layouts import markers_of_names
+from poseppl.motion.io.length_units import UNKNOWN_UNIT
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.calibration_units import infer_unit
@@ -30,9 +33,11 @@ from poseppl.motion.keypoints.camera_errors import MIN_RESIDUALS, CameraErrors, 
 from poseppl.motion.keypoints.camera_refinement import RefinedCameras, bundle_adjust
 from poseppl.motion.keypoints.data_association import associate
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
+from poseppl.motion.keypoints.detector_files import read_detector_errors
 from poseppl.motion.keypoints.keypoint_scene import MIN_AGREEMENT, KeypointScene
 from poseppl.motion.keypoints.leaps import despike
 from poseppl.motion.keypoints.people import associate_person
+from poseppl.motion.keypoints.settings import PersonSettings
 from poseppl.motion.keypoints.single_camera import noise_in_one_camera
 from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
@@ -49,58 +54,29 @@ MIN_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 
 
-def scene_of_keypoints(
-    folders: Mapping[str, FilePath | DetectedPeople],
-    calibration: Calibration | Sequence[CameraRecord],
-    *,
-    model: str = DEFAULT_MODEL,
-    layout: str | None = None,
-    detector: str | None = None,
-    clocks: Clocks | None = None,
-    person: int = 1,
-    frames: str | None = None,
-    noise: float | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    lengths: FilePath | None = None,
-    refine: bool = True,
-    mend: bool = True,
-    detector_errors: DetectorErrors | None = None,
-) -> KeypointScene:
+def scene_of_keypoints(settings: PersonSettings) -> KeypointScene:
     """Read what a detector found, and pick one person.
 
     Args:
-        folders: Files or folders of keypoints by the names of their cameras, or what was read of them.
-        calibration: The calibrated cameras; those without keypoints are left out. An unknown unit is found from the person.
-        model: Builder of the body.
-        layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
-        detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
-        clocks: What is known of the cameras' clocks; nothing, so that offsets are sought, if None.
-        person: 1 for the person who is seen best, 2 for the next.
-        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
-        noise: Standard deviation as a fraction of the focal length; what the data tell if None.
-        rate: Frames a second; None where unknown.
-        stature: Of the person, mm; if None, lengths are measured, or those of a mean adult assumed where cameras do not tell.
-        lengths: A TOML file of segment lengths, mm, that are known.
-        refine: Whether small errors of the cameras' poses are corrected.
-        mend: Whether detections of others, limbs that the detector swapped, and points that leap are corrected.
-        detector_errors: What is known of the detector's errors, in place of ``noise``; None if the data are to tell.
+        settings: The keypoints, the calibration, and what is known of the cameras and the person.
 
     Raises:
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
     """
-    given = calibration if isinstance(calibration, Calibration) else Calibration(tuple(calibration), "mm")
+    model, rate, frames = settings.model or DEFAULT_MODEL, settings.rate, getattr(settings, "frames", None)
+    folders, clocks, noise = settings.files, _clocks(settings), noise_of_settings(settings)
+    refine, mend = ("calibration" not in settings.keep), ("detections" not in settings.keep)
+    given = calibration_of(settings)
     known = {record.name: record for record in given.cameras}
-    people, told = read_sources(folders, known, detector, layout)
+    people, told = read_sources(folders, known, settings.detector, settings.layout)
     markers = body_builder(model)(None).tree.marker_names
     check_markers(people[0], markers)
-    clocks = clocks or Clocks(rate or ASSUMED_RATE)
     check_inputs([known[name] for name in folders], people, clocks)
     records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
     cameras = cameras_of_records(records)
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
-    chosen = associate_person(cameras, people, pace := clocks.rate / step, person)
+    chosen = associate_person(cameras, people, pace := clocks.rate / step, settings.person)
     bodies = [with_markers(found, markers) for found in people]
     points, confidence = points_of(bodies, chosen)
     records, up_note = _with_z_up(given, records, points, confidence, markers)
@@ -116,19 +92,38 @@ def scene_of_keypoints(
     leaping, points = points, despike(points, far)
     num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
-    size, body = _sized_body(model, stature, lengths, places)
+    size, body = _sized_body(model, settings.stature, settings.lengths, places)
     errors = _errors(body, cameras, points, places)
-    spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
+    spread = noise_of_points(noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
     data = PointData(points, spread, faults=faults)
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
     wrong = calibration_notes(places, body.tree.marker_names)
     seen = (confidence, sizes, (*told, *unit_notes, up_note, *wrong, *clock_notes))
+    detector_errors = noise if isinstance(noise, DetectorErrors) else None
     found = KeypointScene(
         scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size
     )
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _clocks(settings: PersonSettings) -> Clocks:
+    """What settings tell of the cameras' clocks."""
+    known = settings.cameras.items()
+    rates = {name: camera.rate for name, camera in known if camera.rate is not None}
+    offsets = {name: camera.offset for name, camera in known if camera.offset is not None}
+    return Clocks(settings.rate or ASSUMED_RATE, rates, offsets, "clocks" not in settings.keep)
+
+
+def noise_of_settings(settings: PersonSettings) -> DetectorErrors | float | None:
+    """What settings tell of the points' noise; None if the data are to tell.
+
+    Raises:
+        InputError: The file of a detector's errors cannot be used.
+    """
+    given: Any = settings.noise
+    return read_detector_errors(given) if isinstance(given, str | PathLike) else given
 
 
 def _sized_body(
@@ -150,13 +145,11 @@ def _in_mm(
     if given.unit is not None:
         return records, []
     if len(records) == 1:
-        return records, ["the calibration does not state its unit; metres are assumed (--unit sets it)"]
+        return records, [UNKNOWN_UNIT]
     names = [record.name for record in records]
     records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
-    told = (
-        f"the calibration's unit is {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit sets another)"
-    )
-    return records, [told]
+    told = f"the calibration's unit is {unit.name}, in which the person is about {unit.stature:.2f} m tall ("
+    return records, [Phrase(told, Argument("unit"), " sets another)")]
 
 
 def _with_z_up(
@@ -164,9 +157,9 @@ def _with_z_up(
 ) -> tuple[list[CameraRecord], str]:
     """The cameras in a world whose Z is up, and which axis of the calibration that is."""
     if given.up is not None:
-        return records, f"{given.up.upper()} of the calibration is up, as --up says"
+        return records, Phrase(f"{given.up.upper()} of the calibration is up, as ", Argument("up"), " says")
     vertical = vertical_of_calibration(cameras_of_records(records), points, confidence, markers)
-    return [with_z_up(record, vertical.axis) for record in records], f"the calibration's {vertical.note()}"
+    return [with_z_up(record, vertical.axis) for record in records], Phrase("the calibration's ", vertical.note())
 
 
 def noise_of_points(
@@ -219,9 +212,11 @@ def check_markers(found: DetectedPeople, markers: Sequence[str]) -> None:
         named = found.layout or f"points called {some(found.names)}"
         raise InputError(
             f"{len(known)} of the body's {len(markers)} markers are among {named}",
-            field="--keypoints",
-            expected="points of a person. Animals, objects and other points need --skeleton FILE.toml (docs/points.md), "
-            "another body --model",
+            field=Argument("files"),
+            expected=Phrase(
+                "points of a person. Animals and objects are tracked as points (docs/points.md), another body with ",
+                Argument("model", "BUILDER"),
+            ),
         )
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.detections import check_different, without_strays
@@ -86,7 +86,7 @@ def read_sources(
             notes.append(f"{name}: nobody was found in {1 - seen:.0%} of its {len(found.frames)} frames")
     if len({(found.layout, found.names) for found in people}) > 1:
         kinds = sorted({found.layout or ", ".join(found.names)[:60] for found in people})
-        raise InputError(f"cameras with {' and '.join(kinds)}", field="--keypoints", expected="one layout in all")
+        raise InputError(f"cameras with {' and '.join(kinds)}", field=Argument("files"), expected="one layout in all")
     check_different(dict(zip(sources, people, strict=True)))
     return people, notes
 
@@ -99,7 +99,7 @@ def check_cameras(names: Iterable[str], known: Collection[str]) -> None:
     """
     for name in names:
         if name not in known:
-            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+            raise InputError(f"no camera {name!r} in the calibration", field=Argument("files"), expected=", ".join(known))
 
 
 def check_confidences(name: str, found: DetectedPeople) -> None:
@@ -113,7 +113,7 @@ def check_confidences(name: str, found: DetectedPeople) -> None:
         raise InputError(
             f"{name}: the confidence of all {confidence.size} points is below {MIN_CONFIDENCE:g}, the largest is "
             f"{confidence.max():.3g}, so that none counts",
-            field="--keypoints",
+            field=Argument("files"),
             expected="confidences from 0 to 1; write 1 for each point if the detector gives none",
         )
 
@@ -124,14 +124,15 @@ def own_clocks(names: Sequence[str], people: Sequence[DetectedPeople], clocks: C
     Raises:
         InputError: A name is none, or only some cameras have times.
     """
-    for field, known in (("--offset", clocks.offsets), ("--camera-rate", clocks.rates)):
-        for name in known:
-            if name not in names:
-                raise InputError(f"no keypoints of a camera {name!r}", field=field, expected=", ".join(names))
+    for name in (*clocks.offsets, *clocks.rates):
+        if name not in names:
+            raise InputError(f"no keypoints of a camera {name!r}", field=Argument("camera"), expected=", ".join(names))
     timed = [found.times is not None for found in people]
     if any(timed) and not all(timed):
         missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
-        raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
+        raise InputError(
+            f"no times in the files of {missing}", field=Argument("files"), expected="times in all files or in none"
+        )
     start = _start_of_times(names, people, clocks.rate) if all(timed) else 0.0
     return [
         Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate, start)
@@ -150,7 +151,7 @@ def _start_of_times(names: Sequence[str], people: Sequence[DetectedPeople], rate
         gap = float(np.median(np.diff(times))) if len(times) > 1 else 1 / rate
         if not 1 / LARGEST_RATIO <= gap * rate <= LARGEST_RATIO:
             problem = f"the frames of {name} are {gap:.3g} s apart by their times, those of the recording {1 / rate:.3g} s"
-            raise InputError(problem, field="--rate", expected="times in seconds, and the rate of the recording")
+            raise InputError(problem, field=Argument("rate"), expected="times in seconds, and the rate of the recording")
     first = min(float(times[0]) for times in known)
     return float(np.floor(first)) if first >= _DAY else 0.0
 
@@ -228,14 +229,20 @@ def _found_offsets(
     anchor = next((c for c in range(len(names)) if c not in free), free[0])
     total = found.frames - found.frames[anchor]
     deviation = np.maximum(found.deviation, found.deviation[found.deviation > 0].min())
-    notes = []
+    notes: list[str] = []
     for c in free:
         if c != anchor and abs(total[c]) >= MIN_OFFSET and abs(total[c]) >= SURE * deviation[c]:
             late[c] = total[c]
             low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
             notes.append(
-                f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
-                f"{high:+.1f}); this is corrected (--offset sets another, --keep-clocks disables it)"
+                Phrase(
+                    f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
+                    f"{high:+.1f}); this is corrected (",
+                    Argument("camera", f"{names[c]}:offset=FRAMES"),
+                    " sets another, ",
+                    Argument("keep", "clocks"),
+                    " disables it)",
+                )
             )
     return late, notes
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_size
 from poseppl.motion.keypoints.calibration_units import meeting_rays
@@ -110,8 +110,12 @@ def check_frame_numbers(seen: SeenFrames) -> None:
             raise InputError(
                 f"{name} shares no frame number with the other cameras: "
                 f"it has {_listed(numbers[c])}, they have {_listed(others)}",
-                field="--keypoints",
-                expected=f"the same numbers for frames of the same time, or --offset {name}=FRAMES, perhaps {name}={late}",
+                field=Argument("files"),
+                expected=Phrase(
+                    "the same numbers for frames of the same time, or ",
+                    Argument("camera", f"{name}:offset=FRAMES"),
+                    f", perhaps {name}:offset={late}",
+                ),
             )
 
 
@@ -135,12 +139,15 @@ def check_sizes(seen: SeenFrames) -> None:
     scale = min(tried, key=lambda each: tried[each])
     if tried[scale] < BETTER * usual:
         names, calibrated = ", ".join(seen.names[c] for c in doubted), _text(seen.records[doubted[0]].size)
-        options = [f"--image-size {seen.names[c]}={_text(_times(seen.records[c].size, scale))}" for c in doubted]
+        expected = Phrase("points in px of the calibrated size, or")
+        for c in doubted:
+            told = Argument("camera", f"{seen.names[c]}:size={_text(_times(seen.records[c].size, scale))}")
+            expected = Phrase(expected, " ", told)
         raise InputError(
             f"the points of {names} are those of pictures {scale:.3g} times as wide and high as the calibrated ones of "
             f"{calibrated} px, in which rays meet {usual / tried[scale]:.2g} times as well",
-            field="--calibration",
-            expected=f"points in px of the calibrated size, or {' '.join(options)}",
+            field=Argument("calibration"),
+            expected=expected,
         )
 
 
@@ -165,8 +172,10 @@ def check_rates(seen: SeenFrames, known: Clocks) -> None:
             raise InputError(
                 f"{name} has {near:.3g} times as many frames as the others, and at {own} frames a second its points fit theirs "
                 f"{usual / slower:.2g} times as well",
-                field="--keypoints",
-                expected=f"--camera-rate {name}={own}; or {name}={rate} if it has the rate of the others",
+                field=Argument("files"),
+                expected=Phrase(
+                    Argument("camera", f"{name}:rate={own}"), f"; or {name}:rate={rate} if it has the rate of the others"
+                ),
             )
 
 

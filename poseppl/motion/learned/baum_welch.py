@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import Argument, InputError, PosepplError
 
 INSTALL = "pip install 'poseppl[motion-models]'"
 _PSEUDO_FRAMES = 0.01
@@ -91,7 +91,7 @@ def baum_welch(
     found = (trained.startprob_, trained.transmat_, trained.means_, np.asarray(trained.covars_))
     if not all(np.isfinite(leaf).all() for leaf in found):
         raise InputError(
-            f"a state of {num_states} has lost its frames", field="--states", expected="fewer states, or more frames"
+            f"a state of {num_states} has lost its frames", field=Argument("states"), expected="fewer states, or more frames"
         )
     initial, transition, means, covariances = found
     apart = means - features.mean(0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.bodies.subject import fit_subject
@@ -103,7 +103,11 @@ def frames_between(rate: float, wanted: float, source: str) -> int:
     step = whole_step(rate, wanted)
     if step is None:
         rates = ", ".join(f"{rate / n:g}" for n in (1, 2, 3, 4))
-        raise InputError(f"{rate:g} frames a second cannot be made {wanted:g}", file=source, expected=f"--rate {rates}, ...")
+        raise InputError(
+            f"{rate:g} frames a second cannot be made {wanted:g}",
+            file=source,
+            expected=Phrase(Argument("rate", rates), ", ..."),
+        )
     return step
 
 
@@ -114,4 +118,8 @@ def common_rate(rates: Sequence[float]) -> float:
         ratios = np.asarray(rates, np.float64) * divisor / slowest
         if np.all(np.abs(ratios - np.round(ratios)) <= RATE_TOLERANCE * ratios):
             return slowest / divisor
-    raise InputError(f"no rate is common to {sorted(set(rates))} frames a second", field="FILES", expected="--rate HZ")
+    raise InputError(
+        f"no rate is common to {sorted(set(rates))} frames a second",
+        field=Argument("files"),
+        expected=Phrase(Argument("rate", "HZ")),
+    )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.checks import check_at_least
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, Phrase, brief
 from poseppl.motion.learned.angles import mean_angle, wrapped
 from poseppl.motion.learned.baum_welch import baum_welch
 from poseppl.motion.learned.motion_model import MotionModel
@@ -101,7 +101,7 @@ def _of(person: str, recordings: Sequence[PosedRecording], values: Sequence[Floa
 def _check(recordings: Sequence[PosedRecording], settings: TrainingSettings) -> Integers:
     """Indices of the learned coordinates."""
     if not recordings:
-        raise InputError("there is no recording to learn from", field="FILES", expected="at least one")
+        raise InputError("there is no recording to learn from", field=Argument("files"), expected="at least one")
     first = recordings[0]
     for other in recordings:
         if other.coordinates != first.coordinates or abs(other.rate / first.rate - 1) > 1e-3:
@@ -114,22 +114,23 @@ def _check(recordings: Sequence[PosedRecording], settings: TrainingSettings) -> 
     unknown = [] if settings.free is None else [joint for joint in settings.free if joint not in joints]
     if unknown:
         known = ", ".join(dict.fromkeys(joints))
-        raise InputError(f"the body has no joint {brief(unknown[0])}", field="--free", expected=f"some of {known}")
+        raise InputError(f"the body has no joint {brief(unknown[0])}", field=Argument("free"), expected=f"some of {known}")
     if first.root not in free:
         raise InputError(
-            f"the root {brief(first.root)} is learned", field="--free", expected=f"{first.root} among the free joints"
+            f"the root {brief(first.root)} is learned", field=Argument("free"), expected=f"{first.root} among the free joints"
         )
     learned = np.array([index for index, joint in enumerate(joints) if joint not in free], int)
     count = settings.num_components
     if count > len(learned):
         raise InputError(
-            f"{count} components of {len(learned)} angles", field="--components", expected=f"at most {len(learned)}"
+            f"{count} components of {len(learned)} angles", field=Argument("components"), expected=f"at most {len(learned)}"
         )
     frames = sum(len(recording.states) for recording in recordings)
     needed = settings.num_states * (count + 1)
     if frames < needed:
+        expected = Phrase(f"{needed} or more, {count + 1} a state; or fewer ", Argument("states"))
         problem = f"{frames} frames are too few for {settings.num_states} states of {count} components"
-        raise InputError(problem, field="FILES", expected=f"{needed} or more, {count + 1} a state; or fewer --states")
+        raise InputError(problem, field=Argument("files"), expected=expected)
     short = [recording.source for recording in recordings if len(recording.states) < 2]
     if short:
         raise InputError("a single frame shows no motion", file=short[0], expected="two frames or more")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,61 +13,45 @@ import xarray as xr
 from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.errors import Argument, FilePath, InputError
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import name_of_builder
 from poseppl.motion.geometry import project
-from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io import DetectedPeople
+from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.detections import check_different, without_strays
-from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
-from poseppl.motion.io.skeleton_files import Skeleton
+from poseppl.motion.io.length_units import UNKNOWN_UNIT
+from poseppl.motion.io.skeleton_files import Skeleton, read_skeleton
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.points.named_points import FREEDOM, PointRecording
+from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.points.smoothing import PointTracks
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.track import versions
-from poseppl.motion.tracking.walk import ASSUMED_RATE
+from poseppl.motion.tracking.walk import ASSUMED_RATE, UNKNOWN_RATE
 
-_HEADERS = 4
-"""Rows at most before DeepLabCut's first frame."""
 FEW = 0.4
 """Share of frames without any point above which a camera is told of."""
 
 
-def read_point_recording(
-    files: Mapping[str, FilePath],
-    records: Sequence[CameraRecord],
-    *,
-    skeleton: Skeleton | None = None,
-    detector: str | None = None,
-    person: int = 1,
-    frames: str | None = None,
-    rate: float | None = None,
-) -> PointRecording:
+def read_point_recording(settings: PointSettings) -> PointRecording:
     """Read what a detector found of one animal or thing.
-
-    Args:
-        files: A detector's files by camera, of those that name their points; equal frame numbers are of one time.
-        records: The calibrated cameras; those without a file are left out.
-        skeleton: The points that are wanted; all that the files have if None.
-        detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
-        person: Which of the individuals that the files name, by its name in all of them.
-        frames: Range "start:stop:step" of the frames that any file has, counted from 0; all if None.
-        rate: Frames a second; None where unknown, and then :data:`~poseppl.motion.tracking.walk.ASSUMED_RATE` is assumed.
 
     Raises:
         InputError: A file cannot be read, has no camera or other points than the others, or there is no common frame.
     """
-    known = {record.name: record for record in records}
+    files, skeleton, rate = settings.files, skeleton_of(settings), settings.rate
+    calibration = calibration_of(settings)
+    known = {record.name: record for record in calibration.cameras}
     for name in files:
         if name not in known:
-            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
-    found, notes = {}, []
+            raise InputError(f"no camera {name!r} in the calibration", field=Argument("files"), expected=", ".join(known))
+    notes: list[str] = [*([] if calibration.unit else [UNKNOWN_UNIT]), *([] if rate else [UNKNOWN_RATE])]
+    found = {}
     for camera, path in files.items():
-        read = read_keypoints(path, detector, size=known[camera].size, camera=camera, cameras=tuple(known))
+        read = read_keypoints(path, settings.detector, size=known[camera].size, camera=camera, cameras=tuple(known))
         found[camera], strays = without_strays(read, known[camera].size, camera)
         notes += [f"{camera}: {told}" for told in read.notes] + strays
     check_different(found)
@@ -75,13 +59,15 @@ def read_point_recording(
     for camera, people in found.items():
         missing = [name for name in names if name not in people.names]
         if missing:
-            raise InputError(f"no point {missing[0]!r}", file=files[camera], field="--skeleton", expected=some(people.names))
-    rows = [_individual(found, camera, person, files[camera]) for camera in files]
+            raise InputError(
+                f"no point {missing[0]!r}", file=files[camera], field=Argument("skeleton"), expected=some(people.names)
+            )
+    rows = [_individual(found, camera, settings.person, files[camera]) for camera in files]
     held = {camera: set(people.frames.tolist()) for camera, people in found.items()}
     if len(files) > 1 and not any(held[one] & held[other] for one, other in itertools.combinations(held, 2)):
-        raise InputError("the files have no frame in common", field="--keypoints", expected="equal frame numbers")
+        raise InputError("the files have no frame in common", field=Argument("files"), expected="equal frame numbers")
     numbers = sorted(set.union(*held.values()))
-    part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
+    part = FrameRange.parse(settings.frames).within(len(numbers), "the files' common frames")
     chosen = np.asarray(numbers)[part]
     tables = [_of_names(people, names, chosen, row) for people, row in zip(found.values(), rows, strict=True)]
     for camera, (points, _) in zip(files, tables, strict=True):
@@ -102,31 +88,32 @@ def read_point_recording(
     )
 
 
+def skeleton_of(settings: PointSettings) -> Skeleton | None:
+    """The skeleton that settings name, or are given; None where there is none.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    given = settings.skeleton
+    return read_skeleton(given) if isinstance(given, str | PathLike) else given
+
+
 def _individual(found: Mapping[str, DetectedPeople], camera: str, person: int, path: FilePath) -> int:
     """Where a camera's file has the individual of that number in the file that names most."""
     names, most = found[camera].individuals, max((people.individuals for people in found.values()), key=len)
     count = max(people.points.shape[1] for people in found.values())
     if person > count:
-        raise InputError(f"{person}", file=path, field="--person", expected=f"1 to {count}")
+        raise InputError(f"{person}", file=path, field=Argument("person"), expected=f"1 to {count}")
     if count == 1:
         return 0
     if len(most) < count:
         problem = f"{count} in a frame, and no names that tell who is who in the next one"
-        raise InputError(problem, file=path, field="--keypoints", expected="one animal, or several that are tracked by name")
+        raise InputError(
+            problem, file=path, field=Argument("files"), expected="one animal, or several that are tracked by name"
+        )
     if most[person - 1] not in names:
-        raise InputError(f"no {most[person - 1]!r}", file=path, field="--person", expected=some(names))
+        raise InputError(f"no {most[person - 1]!r}", file=path, field=Argument("person"), expected=some(names))
     return names.index(most[person - 1])
-
-
-def is_point_table(path: FilePath) -> bool:
-    """Whether a file is a table of points of which none is a person's."""
-    if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
-        return False
-    header = [row for _, row in itertools.islice(rows_of_csv(path), _HEADERS)]
-    if header and "sync_index" in header[0]:
-        return True
-    names = [row[1:] for row in header if row[0] == "bodyparts"]
-    return bool(names) and not markers_of_names(tuple(dict.fromkeys(names[0])))
 
 
 def _of_names(people: DetectedPeople, names: Sequence[str], numbers: Any, person: int) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from jax import Array
 from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import compile_once
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.geometry import Cameras, depth
@@ -180,12 +180,12 @@ def _local_frame(recording: PointRecording, places: Floats) -> tuple[LocalFrame,
     """Coordinates around the middle of the places, and pixels a mm (C,) of each camera there."""
     known = places[np.isfinite(places).all(-1)]
     if not len(known):
-        raise InputError("no point is seen by two cameras at a time", field="--keypoints", expected="two cameras' points")
+        raise InputError("no point is seen by two cameras at a time", field=Argument("files"), expected="two cameras' points")
     origin = np.median(known, 0)
     deep = np.asarray(depth(recording.cameras, jnp.asarray(origin, float)), np.float64)
     if np.any(deep <= 0):
         name = recording.camera_names[int(np.argmin(deep))]
-        raise InputError(f"the points are behind {name}", field="--calibration", expected="cameras that face them")
+        raise InputError(f"the points are behind {name}", field=Argument("calibration"), expected="cameras that face them")
     magnification = np.abs(np.asarray(recording.cameras.focal, np.float64)).mean(-1) / deep
     return LocalFrame(origin, float(np.exp(np.log(magnification).mean()))), magnification
 

@@ -1,4 +1,4 @@
-"""Videos of a subject in a room, with the truth: the folder that ``poseppl simulate --video`` writes."""
+"""Videos of a subject in a room, with the truth: the folder that ``poseppl simulate`` writes."""
 
 from __future__ import annotations
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from math import ceil
+from typing import Any
 
 import numpy as np
 from poseppl_models.bodies.gait import walk
 
-from poseppl.errors import FilePath, InputError, brief
+from poseppl.errors import Argument, FilePath, InputError, brief
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
-from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.io import FrameRange, Motion, read_cameras, read_motion, read_names, slice_frames
+from poseppl.motion.recordings.settings import CAMERAS, DISTANCE, VIEW, RecordingSettings
 from poseppl.motion.tracking.body_sizes import read_lengths
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 
 WALK_FRAMES = 60
 WALK_RATE = 30.0
@@ -38,12 +42,12 @@ def walking_subject(
     """
     rate = WALK_RATE if rate is None else rate
     if not 0 < rate <= 10_000:
-        raise InputError(f"{rate:g} frames a second", field="--rate", expected="above 0, at most 10000")
+        raise InputError(f"{rate:g} frames a second", field=Argument("rate"), expected="above 0, at most 10000")
     chosen = FrameRange.parse(frames)
     stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
     if stop > LONGEST_WALK:
         raise InputError(
-            f"{brief(frames)} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk"
+            f"{brief(frames)} is out of range", field=Argument("frames"), expected=f"at most {LONGEST_WALK} frames of the walk"
         )
     length = stop if turn is None else max(stop, ceil(_TURNED_SECONDS * rate))
     gait = walk(rate, length)
@@ -51,7 +55,7 @@ def walking_subject(
     states, standard = np.asarray(gait.states, np.float64), build(None)
     if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):
         problem = f"the built-in walk has {states.shape[1]} coordinates and lengths of its own, which {model} does not share"
-        raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
+        raise InputError(problem, field=Argument("model"), expected="a body of the walk's coordinates, or a recording to track")
     body = build(dict(gait.lengths))
     markers = body.places(states)
     if turn is not None:
@@ -63,45 +67,63 @@ def walking_subject(
 
 
 def recorded_subject(
-    path: FilePath,
-    skeleton: FilePath | None = None,
-    *,
-    model: str = DEFAULT_MODEL,
-    frames: str | None = None,
-    rate: float | None = None,
-    scale: float | None = None,
-    up: str | None = None,
-    names: FilePath | None = None,
-    lengths: FilePath | None = None,
-    turn: float | None = None,
+    path: FilePath, skeleton: FilePath | None = None, *, turn: float | None = None, **settings: Any
 ) -> MovingSubject:
     """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
 
     Args:
         path: A .amc, .bvh, .c3d or .trc file, or a .txt motion of DeepMimic or of exponential maps.
         skeleton: The .asf file of an .amc file, the character file of a DeepMimic motion, the .json file of exponential maps.
-        model: Builder of the body.
-        frames: Range "start:stop:step"; all if None.
-        rate: Frames a second, where the format does not tell.
-        scale: Millimetres a unit, where the format does not tell.
-        up: The axis that points up, where the format does not tell.
-        names: A TOML file that says which points are which markers (`poseppl.motion.io.read_names`), where the names
-            are unusual.
-        lengths: A TOML file of segment lengths, mm, that are known; the others are measured.
         turn: Radius (mm) of a circle that the chosen frames are laid along, as :func:`turned` does; as recorded if None.
+        **settings: Others of :class:`~poseppl.motion.recordings.settings.RecordingSettings`: the model, frames, names, lengths,
+            and the rate, the scale and the axis that is up where the format does not tell.
 
     Raises:
         InputError: A file, the range or the model cannot be used, or the motion cannot be laid along the circle.
     """
+    return subject_of(RecordingSettings(path, skeleton, **settings), turn)
+
+
+def subject_of(settings: RecordingSettings, turn: float | None = None) -> MovingSubject:
+    """The recorded subject that settings name, or the one that walks the built-in gait.
+
+    Args:
+        settings: Whose motion.
+        turn: Radius (mm) of a circle that is walked along; as recorded if None.
+
+    Raises:
+        InputError: A file, the range or the model cannot be used, or the motion cannot be laid along the circle.
+    """
+    model = settings.model or DEFAULT_MODEL
+    if settings.recording is None:
+        return walking_subject(model, turn=turn, frames=settings.frames, rate=settings.rate)
+    path = settings.recording
     build = body_builder(model)
-    whole = read_motion(path, skeleton, rate=rate, scale=scale, up=up)
-    motion, chosen, count = chosen_motion(whole, model, frames, names, turn), FrameRange.parse(frames), len(whole.positions)
+    whole = read_motion(path, settings.skeleton, rate=settings.rate, scale=settings.scale, up=settings.up)
+    motion = chosen_motion(whole, model, settings.frames, settings.names, turn)
+    chosen, count = FrameRange.parse(settings.frames), len(whole.positions)
     if not np.isfinite(motion.positions).all(-1).any():
-        raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
-    given = None if names is None else read_names(names)
-    known = None if lengths is None else read_lengths(lengths, model)
+        raise InputError("no point is seen in the chosen frames", file=motion.source, field=Argument("frames"))
+    given = None if settings.names is None else read_names(settings.names)
+    known = None if settings.lengths is None else read_lengths(settings.lengths, model)
     subject = fit_subject(motion, build, known, given)
     return subject._replace(frames=np.arange(count)[chosen.within(count)], source=str(path))
+
+
+def cameras_of(settings: RecordingSettings, subject: MovingSubject) -> tuple[Cameras, tuple[str, ...]]:
+    """Cameras that see a subject and their names: from a file, or placed around the subject.
+
+    Raises:
+        InputError: The file cannot be used, or the subject is never seen.
+    """
+    if settings.camera is not None:
+        records = read_cameras(settings.camera)
+        return cameras_of_records(records), tuple(record.name for record in records)
+    count, distance, view = (
+        usual if given is None else given
+        for given, usual in ((settings.cameras, CAMERAS), (settings.camera_distance, DISTANCE), (settings.view, VIEW))
+    )
+    return cameras_around(subject, distance=distance, count=int(count), view=view), camera_names(int(count))
 
 
 def chosen_motion(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 
 Pixels = NDArray[np.uint8]
 
@@ -37,7 +37,9 @@ def check_noise(noise: SensorNoise) -> None:
     """Raise InputError where a level is out of range."""
     for name, value in noise._asdict().items():
         if not 0 <= value <= 0.5:
-            raise InputError(f"{name} {value:g}", field="--noise", expected="a fraction of white from 0 to 0.5, such as 0.012")
+            raise InputError(
+                f"{name} {value:g}", field=Argument("noise"), expected="a fraction of white from 0 to 0.5, such as 0.012"
+            )
 
 
 def camera_gain(noise: SensorNoise, seed: int, camera: int) -> Floats:

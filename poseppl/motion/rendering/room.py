@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.io.cameras import CameraRecord
 
 LONG, SHORT, CEILING = 7000.0, 6000.0, 2750.0
@@ -62,14 +62,14 @@ def corner_cameras(room: Room, count: int, size: tuple[int, int], focal: float |
         InputError: The number of cameras, the size or the focal length is out of range.
     """
     if not 1 <= count <= len(CORNERS):
-        raise InputError(f"{count} cameras", field="--cameras", expected="1 to 4, one in each corner of the room")
+        raise InputError(f"{count} cameras", field=Argument("cameras"), expected="1 to 4, one in each corner of the room")
     if not all(MIN_SIDE <= side <= MAX_SIDE and side % 2 == 0 for side in size):
         expected = f"even numbers of pixels from {MIN_SIDE} to {MAX_SIDE}, which a video needs"
-        raise InputError(f"{size[0]} x {size[1]}", field="--size", expected=expected)
+        raise InputError(f"{size[0]} x {size[1]}", field=Argument("size"), expected=expected)
     pixels = size[0] / 2 / np.tan(HALF_VIEW) if focal is None else focal
     if not 0.1 * size[1] <= pixels <= 100 * size[1]:
         expected = f"{0.1 * size[1]:g} to {100 * size[1]:g} pixels for images of {size[1]} lines"
-        raise InputError(f"{pixels:g}", field="--focal", expected=expected)
+        raise InputError(f"{pixels:g}", field=Argument("focal"), expected=expected)
     matrix = np.array([[pixels, 0, (size[0] - 1) / 2], [0, pixels, (size[1] - 1) / 2], [0, 0, 1.0]])
     target = np.array([*room.centre, room.floor + LOOK_AT])
     records = []

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
 from poseppl.motion.io.cameras import quoted, write_cameras
 from poseppl.motion.io.marker_positions import write_places
@@ -91,7 +91,7 @@ def write_scene(
     if len(truth.places) != setting.num_frames:
         raise InputError(f"{len(truth.places)} frames of truth", field="truth", expected=f"{setting.num_frames} of the setting")
     if not 0 < truth.rate <= MAX_RATE:
-        raise InputError(f"{truth.rate:g} frames a second", field="--rate", expected=f"above 0, at most {MAX_RATE:g}")
+        raise InputError(f"{truth.rate:g} frames a second", field=Argument("rate"), expected=f"above 0, at most {MAX_RATE:g}")
     with atomic_folder(path) as folder:
         write_cameras(folder / "Calib.toml", setting.cameras)
         write_places(folder / "truth.csv", truth.frames, truth.names, truth.places)

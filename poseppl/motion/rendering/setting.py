@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.io.cameras import CameraRecord
 from poseppl.motion.rendering.figure import Figure, dress_figure, figure_xml
 from poseppl.motion.rendering.furniture import Piece, furniture_xml, place_furniture
@@ -78,7 +78,7 @@ def build_setting(
         InputError: A joint is missing or an argument is out of range.
     """
     if len(places) == 0:
-        raise InputError("the motion has no frame", field="--frames", expected="at least one")
+        raise InputError("the motion has no frame", field=Argument("frames"), expected="at least one")
     points = figure_points(names, places, toes)
     path = np.stack(list(points.values()), axis=1)[..., :2].reshape(-1, 2)
     room = room_around(path, floor_height(points))

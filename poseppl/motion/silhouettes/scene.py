@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, Video
@@ -131,7 +131,7 @@ def scene_of_videos(
         if advance is not None:
             advance(1)
     if not frames:
-        raise InputError("the videos have no frame", field="--video", expected="at least one")
+        raise InputError("the videos have no frame", field=Argument("videos"), expected="at least one")
     return _assemble(body, records, frames, chosen, videos[0].rate, _together([video.source for video in videos]), start)
 
 
@@ -182,7 +182,7 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
     lacking, strange = [name for name in known if name not in names], [name for name in names if name not in known]
     if lacking or strange:
         problem = f"the calibration knows the cameras {some(known)}; there are pictures of {some(names) or 'none'}"
-        raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
+        raise InputError(problem, field=Argument("calibration"), expected="the same names; give videos as NAME=FILE")
 
 
 def _assemble(

@@ -17,7 +17,7 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -43,7 +43,7 @@ def check_facing(name: str, cameras: Sequence[str]) -> None:
         InputError: There is none of this name.
     """
     if name not in cameras:
-        raise InputError(f"there is no camera {brief(name)}", field="--facing", expected=some(cameras))
+        raise InputError(f"there is no camera {brief(name)}", field=Argument("facing"), expected=some(cameras))
 
 
 def seek_silhouette(scene: Scene[Any], params: Mapping[str, float]) -> Floats:
@@ -54,7 +54,7 @@ def seek_silhouette(scene: Scene[Any], params: Mapping[str, float]) -> Floats:
     """
     count = scene.data.usable.sum(1)
     if not count.max():
-        raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
+        raise InputError("no frame shows a silhouette", field=Argument("videos"), expected="a person in the picture")
     usable = np.flatnonzero(count == count.max())
     first = int(usable[0])
     search = _Search(scene, params, first)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from poseppl_models.bodies.silhouettes import full_body
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location, brief
+from poseppl.errors import Argument, FilePath, InputError, Location, brief
+from poseppl.files.frame_range import FrameRange
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.motion.bodies.body import body_builder, name_of_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_calibration, read_cameras, read_image
@@ -21,6 +22,7 @@ from poseppl.motion.silhouettes.data import SilhouetteData
 from poseppl.motion.silhouettes.frame import OnFailure, SilhouetteSettings
 from poseppl.motion.silhouettes.picture_sizes import resized
 from poseppl.motion.silhouettes.scene import check_names, scene_of_videos
+from poseppl.motion.silhouettes.settings import VideoSettings
 from poseppl.motion.silhouettes.start import check_facing
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.scene import Scene
@@ -105,21 +107,22 @@ def sources_of_files(
     strange = [name for name in names if name not in known]
     if strange:
         problem = f"the video of {strange[0]!r} has no calibration"
-        raise InputError(problem, file=str(calibration), field="--video", expected=f"{some(known)}; or NAME=FILE")
+        raise InputError(problem, file=str(calibration), field=Argument("videos"), expected=f"{some(known)}; or NAME=FILE")
     kept = tuple(record for record in records if record.name in names)
     order = {record.name: number for number, record in enumerate(kept)}
     backgrounds = {name: open_video(path, name) for name, path in map(_named, plates)}
     occlusions = {name: read_image(path, name)[..., 0] for name, path in map(_named, occlusion)}
     given = {name: open_masks(path, f"{name} (masks)") for name, path in map(_named, masks)}
-    for option, named in (("--background", backgrounds), ("--occlusion", occlusions), ("--masks", given)):
+    for argument, named in (("background", backgrounds), ("occlusion", occlusions), ("masks", given)):
         for name in named:
             if name not in order:
-                raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{some(order)}; or NAME=FILE")
+                expected = f"{some(order)}; or NAME=FILE"
+                raise InputError(f"no video of the camera {name!r}", field=Argument(argument), expected=expected)
     return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), backgrounds, occlusions, given)
 
 
 def sources_of_scene(folder: FilePath, cameras: Sequence[str] = ()) -> VideoSources:
-    """Open a rendered scene, a folder that ``poseppl simulate --video`` has made.
+    """Open a rendered scene, a folder of videos that ``poseppl simulate`` has made.
 
     Args:
         folder: The folder.
@@ -130,7 +133,7 @@ def sources_of_scene(folder: FilePath, cameras: Sequence[str] = ()) -> VideoSour
     """
     place = Path(folder)
     if not (place / "Calib.toml").is_file():
-        raise InputError("no scene", file=folder, expected="a folder of poseppl simulate --video, with Calib.toml")
+        raise InputError("no scene", file=folder, expected="a folder of videos of poseppl simulate, with Calib.toml")
     records = tuple(record for record in read_cameras(place / "Calib.toml") if not cameras or record.name in cameras)
     check_names(records, list(cameras) or [record.name for record in records])
     for record in records:
@@ -229,6 +232,59 @@ def see_silhouettes(
         return scene
     part = slice(start, start + len(scene.frames))
     return scene._replace(states=truth.states[part], markers=truth.markers[part])
+
+
+def open_sources(settings: VideoSettings) -> VideoSources:
+    """Open the videos that settings name, and what goes with them.
+
+    Raises:
+        InputError: As :func:`sources_of_files` and :func:`sources_of_scene`.
+    """
+    if settings.of_scene:
+        return sources_of_scene(settings.videos[0])
+    return sources_of_files(
+        settings.videos,
+        settings.calibration or "",
+        plates=settings.background,
+        occlusion=settings.occlusion,
+        masks=settings.masks,
+        up=settings.up,
+    )
+
+
+def read_video_scene(
+    settings: VideoSettings,
+    sources: VideoSources,
+    *,
+    on_failure: OnFailure = "continue",
+    advance: Callable[[int], None] | None = None,
+) -> Scene[SilhouetteData]:
+    """The silhouettes that settings name, as :func:`see_silhouettes` finds them.
+
+    Args:
+        settings: Of the silhouettes.
+        sources: The videos, opened.
+        on_failure: As :func:`~poseppl.motion.silhouettes.scene.scene_of_videos` takes it.
+        advance: Called with 1 after each frame.
+
+    Raises:
+        InputError: As :func:`see_silhouettes`.
+    """
+    frames, usual = FrameRange.parse(settings.frames), SilhouetteSettings()
+    scene = see_silhouettes(
+        sources,
+        model=settings.model or DEFAULT_MODEL,
+        stature=settings.stature,
+        lengths=settings.lengths,
+        settings=usual._replace(noise=settings.silhouette_noise or usual.noise, edges=settings.edges),
+        background=BackgroundSettings(refine=settings.refine),
+        facing=settings.facing,
+        start=frames.start,
+        stop=frames.stop,
+        on_failure=on_failure,
+        advance=advance,
+    )
+    return scene if settings.rate is None else scene._replace(rate=settings.rate)
 
 
 def _found(sources: VideoSources, background: BackgroundSettings | None, facing: str | None) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Tracking a body in images: the scene, the cameras, a start, the run, and its result."""
 
+from poseppl.motion.settings import TrackSettings as TrackSettings
 from poseppl.motion.tracking.export import export as export
 from poseppl.motion.tracking.metrics import Metrics as Metrics, measure_run as measure_run
 from poseppl.motion.tracking.observations import (
@@ -14,4 +15,4 @@ from poseppl.motion.tracking.problem import (
 from poseppl.motion.tracking.scene import Scene as Scene
 from poseppl.motion.tracking.smooth import SmoothSettings as SmoothSettings, smooth as smooth
 from poseppl.motion.tracking.smoothed_recording import smooth_recording as smooth_recording
-from poseppl.motion.tracking.track import TrackSettings as TrackSettings, TrackStopped as TrackStopped, track as track
+from poseppl.motion.tracking.track import Tracked as Tracked, TrackStopped as TrackStopped, track as track

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import Argument, FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import KinematicTree
@@ -51,7 +51,7 @@ def stature_lengths(model: str, stature: float) -> dict[str, float]:
         InputError: It is no person's.
     """
     if not 500.0 <= stature <= 2500.0:
-        raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
+        raise InputError(f"{stature:g} mm", field=Argument("stature"), expected="500 to 2500 mm")
     standard = body_builder(model)(None).lengths
     return {name: value * stature / STATURE for name, value in standard.items()}
 
@@ -67,7 +67,7 @@ def read_lengths(path: FilePath, model: str) -> dict[str, float]:
         InputError: The file is no TOML, or holds another name or something that is no length.
     """
     table = read_toml(path)
-    lengths = finite_numbers(table, body_builder(model)(None).lengths, Location(path, field="--lengths"))
+    lengths = finite_numbers(table, body_builder(model)(None).lengths, Location(path, field=Argument("lengths")))
     for name, value in lengths.items():
         if abs(value) > 3000.0:
             raise InputError(f"{value:g} mm", file=path, field=name, expected="at most 3000 mm")
@@ -101,7 +101,7 @@ def measured_lengths(body: Body, places: Floats) -> Mapping[str, float]:
         return body.measure(seen)
     except ValueError as error:
         raise InputError(
-            f"the person's segments cannot be measured: {error}", field="--stature", expected="the person's height, mm"
+            f"the person's segments cannot be measured: {error}", field=Argument("stature"), expected="the person's height, mm"
         ) from error
 
 

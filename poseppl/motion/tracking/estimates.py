@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.opensim import Coordinate, circular_summary, opensim_coordinates, states_to_values
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.walk import ASSUMED_RATE
@@ -110,5 +110,5 @@ def angle_estimates(
 
 def _ends(level: float) -> tuple[float, float]:
     if not 0.0 < level < 1.0:
-        raise InputError(f"{level:g}", field="--level", expected="a share between 0 and 1, such as 0.9")
+        raise InputError(f"{level:g}", field=Argument("level"), expected="a share between 0 and 1, such as 0.9")
     return (1 - level) / 2, (1 + level) / 2

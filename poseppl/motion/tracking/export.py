@@ -24,7 +24,7 @@ import xarray as xr
 from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.exchange_formats import files_of
 from poseppl.motion.bodies.body import name_of_builder
@@ -93,7 +93,7 @@ def export(
         PosepplError: The disk is full, or a package is missing.
     """
     if "mot" in formats and not has_angles(tree):
-        raise InputError("named points have no joint angles", field="--format", expected="trc, c3d, csv or rrd")
+        raise InputError("named points have no joint angles", field=Argument("format"), expected="trc, c3d, csv or rrd")
     files = files_of(folder, stem, formats)
     names, places = place_estimates(tree, level)
     angular = has_angles(tree) and not _ANGULAR.isdisjoint(formats)

@@ -19,7 +19,7 @@ from jax import Array
 from poseppl_models.bodies.detected_points import seen_by_detector
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import Body, BodyInputs, LastingErrors, compile_once
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.body_sizes import MeasuredLengths
@@ -87,7 +87,7 @@ def ar1_inputs(
     """
     given = problem.inputs
     if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
-        raise InputError("errors that last are for points of a whole body", field="--errors", expected="independent")
+        raise InputError("errors that last are for points of a whole body", field=Argument("errors"), expected="independent")
     seconds = time_steps(frames, rate)
     own = with_velocities(problem, seconds, start)
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)

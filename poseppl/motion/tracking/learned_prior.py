@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from poseppl_models.bodies.learned_motion import seen_activity
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.learned import MotionModel, frames_between, read_motion_model
 from poseppl.motion.tracking.problem import Problem, with_steps
@@ -50,14 +50,14 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
     body, own = problem.body, problem.inputs
     if not isinstance(own, BodyInputs):
         expected = "a scene of points or silhouettes"
-        raise InputError("a learned prior is for a whole body", field="--prior", expected=expected)
+        raise InputError("a learned prior is for a whole body", field=Argument("prior"), expected=expected)
     shown = own.seen is not None
     if model.coordinates != body.tree.coordinate_names:
-        other = "an activity learned with this body's coordinates (poseppl fit-motion --model)"
+        other = Phrase("an activity that poseppl fit-motion has learned with this body (", Argument("model"), ")")
         expected = other if shown else f"{model.body}, or {other}"
-        raise InputError(f"it was learned with the body {model.body}", file=path, field="--model", expected=expected)
+        raise InputError(f"it was learned with the body {model.body}", file=path, field=Argument("model"), expected=expected)
     if len(set(np.diff(scene.frames).tolist())) > 1:
-        raise InputError("frames are missing between others", field="--prior", expected="frames at equal distances")
+        raise InputError("frames are missing between others", field=Argument("prior"), expected="frames at equal distances")
     every = _every(model, scene.rate, path)
     build: Any = seen_activity
     steps = STEPS * every * np.maximum(model.step_scale, 1e-6)

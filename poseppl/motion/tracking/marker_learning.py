@@ -25,7 +25,7 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, body_inputs, make_problem, with_tree
@@ -55,16 +55,18 @@ def learn_markers(scene: Scene[SceneData], params: Mapping[str, float]) -> Scene
         InputError: The data are no points or of one camera alone, or the body's observation has no Gaussian moments.
     """
     if not isinstance(scene.data, PointData):
-        raise InputError("a silhouette has no markers", field="--markers", expected="fixed")
+        raise InputError("a silhouette has no markers", field=Argument("markers"), expected="fixed")
     tree = scene.body.tree
     problem = make_problem(_with_tree(scene, tree.with_markers_at(tree.marker_offsets)), params)
     if problem.num_cameras < 2:
         expected = "fixed, or two cameras, which tell how deep a marker lies"
-        raise InputError("one camera does not tell where markers sit", field="--markers", expected=expected)
+        raise InputError("one camera does not tell where markers sit", field=Argument("markers"), expected=expected)
     try:
         places = _learn(problem)
     except ValueError as error:
-        raise InputError(f"this body's markers cannot be learned: {error}", field="--markers", expected="fixed") from error
+        raise InputError(
+            f"this body's markers cannot be learned: {error}", field=Argument("markers"), expected="fixed"
+        ) from error
     return _with_tree(scene, tree.with_markers_at(places))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import Argument, FilePath, InputError
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.bodies.subject import MovingSubject
@@ -44,7 +44,7 @@ def observe_motion(
     """
     names = subject.body.tree.marker_names
     if not 0 <= missing < 1:
-        raise InputError(f"{missing:g}", field="--missing", expected="a fraction from 0 to below 1")
+        raise InputError(f"{missing:g}", field=Argument("missing"), expected="a fraction from 0 to below 1")
     check_in_front(cameras, camera_names, subject.markers, names, subject.frames.tolist())
     spread = noise_of(subject.body, cameras, noise)
     clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(subject.markers, float)), np.float64), 0, 1)
@@ -88,7 +88,7 @@ def scene_of_observations(
     body = body_builder(model)(subject_lengths(model, stature, lengths))
     if body.free is not None:
         problem = f"the body tracks {', '.join(body.free)} alone and needs the truth for the rest, which observations lack"
-        raise InputError(problem, field="--model", expected="a recording, or a body without clamped joints")
+        raise InputError(problem, field=Argument("model"), expected="a recording, or a body without clamped joints")
     names = [record.name for record in records]
     observed = read_observations(path, body.tree.marker_names, names)
     cameras = cameras_of_records(records)
@@ -99,7 +99,7 @@ def scene_of_observations(
         points = np.where((confidence >= MIN_CONFIDENCE)[..., None], points, np.nan)
         spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), MIN_CONFIDENCE, 1.0))
     if not np.isfinite(points).any():
-        raise InputError("no point is seen in the chosen frames", file=path, field="--frames")
+        raise InputError("no point is seen in the chosen frames", file=path, field=Argument("frames"))
     data = PointData(points, spread)
     return Scene(body, cameras, tuple(names), data, observed.frames[part], rate and rate / part.step, str(path))
 

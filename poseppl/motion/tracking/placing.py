@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at
 from poseppl.motion.geometry.cameras import NEAREST
@@ -46,14 +46,14 @@ def place_cameras(
         InputError: The distance or the angle is out of range, or there is no camera or more than four.
     """
     if not 100.0 <= distance <= 1e6:
-        raise InputError(f"{distance:g} mm", field="--camera-distance", expected="100 to 1000000 mm")
+        raise InputError(f"{distance:g} mm", field=Argument("camera_distance"), expected="100 to 1000000 mm")
     if not 1 <= count <= 4:
-        raise InputError(f"{count} cameras", field="--cameras", expected="1 to 4")
+        raise InputError(f"{count} cameras", field=Argument("cameras"), expected="1 to 4")
     if not abs(view) <= 360.0:
-        raise InputError(f"{view:g} degrees", field="--view", expected="-360 to 360")
+        raise InputError(f"{view:g} degrees", field=Argument("view"), expected="-360 to 360")
     seen = path[np.isfinite(path).all(-1)]
     if not len(seen):
-        raise InputError("the subject's root is never seen, so that no camera can be placed", field="--camera")
+        raise InputError("the subject's root is never seen, so that no camera can be placed", field=Argument("camera"))
     middle = (seen.min(0) + seen.max(0)) / 2
     going = seen[-1, :2] - seen[0, :2]
     if np.linalg.norm(going) >= _WALKS:
@@ -153,4 +153,4 @@ def check_in_front(
             f"camera {brief(names[camera])} has {marker_names[marker]} at or behind it in frame {frames[frame]} "
             f"({ahead[camera, frame, marker]:.0f} mm along its axis)"
         )
-        raise InputError(problem, field="--camera", expected="cameras that face the subject; move or turn the camera")
+        raise InputError(problem, field=Argument("camera"), expected="cameras that face the subject; move or turn the camera")

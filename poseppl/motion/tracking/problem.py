@@ -20,7 +20,7 @@ import xarray as xr
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.bodies.body import Body, Posture
 from poseppl.motion.geometry import Cameras, marker_positions, project
 from poseppl.motion.tracking.point_data import PointData
@@ -33,7 +33,6 @@ from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of
 from poseppl.runs.frame_sequence import rows_of_inputs
-from poseppl.runs.results import provenance
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
 
@@ -66,6 +65,15 @@ class Problem(NamedTuple):
     def num_cameras(self) -> int:
         """C."""
         return int(body_inputs(self.inputs).cameras.value.centre.shape[0])
+
+    def first_frames(self, count: int) -> Problem:
+        """The problem of the first frames alone."""
+
+        def first(leaf: Any) -> Any:
+            return leaf if isinstance(leaf, Constant) else leaf[:count]
+
+        inputs = jax.tree.map(first, self.inputs, is_leaf=lambda leaf: isinstance(leaf, Constant))
+        return self._replace(observations=jax.tree.map(first, self.observations), inputs=inputs)
 
     def collector(self, max_draws: int) -> Collect:
         """Collector of draws, with the markers and their projections beside them."""
@@ -215,10 +223,6 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneDa
     inputs, calibration = arrays_of(tree, "inputs"), arrays_of(tree, "camera")
     if "step_scale" not in inputs or not calibration:
         raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
-    if "prior" in provenance(tree):
-        raise InputError(
-            "the result was tracked with a learned prior, which is not in it", field="--prior", expected="one without"
-        )
     _, body, params = recorded_model(tree, model)
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     posture = Posture(*(inputs[f"posture_{part}"] for part in Posture._fields)) if "posture_mean" in inputs else None
@@ -232,7 +236,7 @@ def _points_of_result(tree: xr.DataTree, noise: Any) -> PointData:
     if np.isnan(points).all():
         raise InputError(
             "the result holds no points: it comes from silhouettes, and their pictures are not in it",
-            expected="a result of points; or poseppl track --smooth METHOD; in Python, smooth(result, settings, scene)",
+            expected=Phrase("a result of points; or track it with ", Argument("smooth", "METHOD")),
         )
     return PointData(points, noise)
 
@@ -266,6 +270,6 @@ def _problem(body: Body, params: Mapping[str, float], data: SceneData, walk: Map
     if body.free is None:
         return Problem(body, model, observations, inputs)
     if states is None:
-        raise InputError("the body clamps joints to a truth that is not known", field="--model")
+        raise InputError("the body clamps joints to a truth that is not known", field=Argument("model"))
     whole = Clamped.of_trajectory(jnp.asarray(states, float), inputs)
     return Problem(body, clamp(model, body.free_coordinates), observations, whole)

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from poseppl_models import BODIES
 
-from poseppl.errors import InputError, Location, brief
+from poseppl.errors import Argument, InputError, Location, Phrase, brief
 from poseppl.motion.bodies.body import Body, body_builder, entry_point_builders, source_of_model
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.text_parsing import finite_numbers
@@ -52,7 +52,7 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
         raise InputError("the result does not tell its model", expected="a result of poseppl track of this version")
     chosen = name if model is None else model
     if model is not None and source_of_model(model) != known.get("model source"):
-        raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name)
+        raise InputError(f"{model} is not, or no longer, what the result was made with", field=Argument("model"), expected=name)
     builder = installed_builder(name) if model is None else body_builder(model)
     standard = builder(None)
     lengths = finite_numbers(known.get("lengths"), standard.lengths, Location(field="lengths"))
@@ -75,7 +75,8 @@ def installed_builder(name: str) -> Callable[..., Body]:
     others = entry_point_builders()
     if name not in (*BODIES, *others, *others.values()):
         problem = f"the file names the model {brief(name)}, which is none of the installed ones, and so is not run"
-        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model BUILDER")
+        expected = Phrase("the model that you used, if it is yours: ", Argument("model", "BUILDER"))
+        raise InputError(problem, field=Argument("model"), expected=expected)
     return body_builder(name)
 
 
@@ -115,5 +116,5 @@ def _check_coordinates(tree: xr.DataTree, body: Body) -> None:
     names = [body.tree.coordinate_names[index] for index in body.free_coordinates]
     if names_of(tree, "state_dim") != names:
         raise InputError(
-            "the result is of a body with other coordinates", field="--model", expected="the body that was tracked"
+            "the result is of a body with other coordinates", field=Argument("model"), expected="the body that was tracked"
         )

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import xarray as xr
 
-from poseppl.errors import InputError, SettingError, brief
+from poseppl.errors import Argument, InputError, Phrase, SettingError, brief
 from poseppl.motion.tracking.problem import Problem
 from poseppl.runs.algorithms import FILTERS, Algorithm
 from poseppl.runs.results import provenance
@@ -43,8 +43,8 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
     if not filter.genealogy:
         raise InputError(
             f"the result of the filter {brief(name)} has no genealogy, which this smoother follows",
-            field="--method",
-            expected="a result of a particle filter, as of track --filter particle, or another smoother, such as trajectory",
+            field=Argument("method"),
+            expected="a result of the filter particle, or another smoother, such as trajectory",
         )
     if not isinstance(seed, int):
         raise InputError("the result does not tell the filter's seed", expected="a result of poseppl track of this version")
@@ -52,8 +52,12 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
     if num_frames * settings["num_particles"] * (problem.model.dimension + 2) > _MAX_VALUES:
         raise InputError(
             f"the genealogy of {settings['num_particles']:,} particles over {num_frames} frames would take more than 4 GiB",
-            field="--method",
-            expected="a result of fewer particles or frames, or --method forward-backward, which takes the draws kept",
+            field=Argument("method"),
+            expected=Phrase(
+                "a result of fewer particles or frames, or ",
+                Argument("method", "forward-backward"),
+                ", which takes the draws kept",
+            ),
         )
     history: History = run_filter(
         filter,

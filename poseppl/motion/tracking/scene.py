@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras
 from poseppl.program import CompiledModel, Observation
@@ -110,6 +110,8 @@ def noise_of(body: Body, cameras: Cameras, noise: float | None) -> Floats:
     """
     level = body.noise if noise is None else noise
     if not 0 < level < 10:
-        raise InputError(f"{level:g}", field="--noise", expected="a positive fraction of the focal length, such as 0.003")
+        raise InputError(
+            f"{level:g}", field=Argument("noise"), expected="a positive fraction of the focal length, such as 0.003"
+        )
     scale = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
     return np.repeat(level * scale[:, None], len(body.tree.marker_names), axis=1)

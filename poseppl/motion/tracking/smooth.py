@@ -11,9 +11,8 @@ import xarray as xr
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics import diagnose
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, brief
 from poseppl.motion.geometry import KinematicTree
-from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
@@ -22,8 +21,7 @@ from poseppl.motion.tracking.marginal_smoothing import NUM_DRAWS, smooth_margina
 from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
-from poseppl.motion.tracking.scene import Scene, SceneData
-from poseppl.motion.tracking.track import affordable_draws, versions
+from poseppl.motion.tracking.track import Tracked, affordable_draws, versions
 from poseppl.motion.tracking.triangulated_start import triangulated_places
 from poseppl.runs.algorithms import SMOOTHERS
 from poseppl.runs.contents import HISTORY, frame_numbers, group_of
@@ -54,38 +52,42 @@ class SmoothSettings(NamedTuple):
     errors: Literal["independent", "lasting"] = "independent"
 
 
-def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Scene[SceneData] | None = None) -> xr.DataTree:
+def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
     """Smooth a result of :func:`poseppl.motion.tracking.track.track`.
 
-    The smoother starts from the filter's history, or from the draws where the result holds none. The model is rebuilt from the
-    provenance. A smoother that follows ancestors needs all particles of the filter, which runs again if they are not held.
+    The smoother starts from the filter's history, or from the draws where the result has none. A smoother that follows
+    ancestors needs all particles of the filter, which runs again if the result does not have them.
 
     Args:
-        tree: The result.
+        tracked: What `track` returned, whose problem is solved again; or the result alone, such as one of a file. The problem
+            is then rebuilt from it, which a result of silhouettes does not allow, for their pictures are not in it.
         settings: How.
-        scene: What was tracked, where the result does not hold it: pictures of silhouettes.
 
     Returns:
         The smoothed result, with diagnostics; its provenance holds that of the filter.
 
     Raises:
         InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
-            range, or its filter keeps no genealogy for a smoother that follows ancestors, or the scene is another one.
+            range, or its filter keeps no genealogy for a smoother that follows ancestors.
         RunError: The filter is run again, and cannot go on.
         SmoothingError: The smoothed states are not finite.
     """
     settings = settings or SmoothSettings()
+    tree = tracked.result if isinstance(tracked, Tracked) else tracked
     known = provenance(tree)
     if "smoother" in known:
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     if settings.errors not in ("independent", "lasting"):
-        raise InputError(brief(settings.errors), field="--errors", expected="independent or lasting")
-    data = None if scene is None else _seen(scene, tree)
-    lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model, data)
+        raise InputError(brief(settings.errors), field=Argument("errors"), expected="independent or lasting")
+    if "prior" in known:
+        problem_told = "the result was tracked with a learned prior, which is not in it"
+        raise InputError(problem_told, field=Argument("prior"), expected="one without")
+    problem = tracked.problem if isinstance(tracked, Tracked) else problem_of_result(tree, settings.model)
+    lasting = settings.errors == "lasting"
     if lasting and problem.num_cameras < 2:
         raise InputError(
             "one camera does not tell errors that last from how far away the person is",
-            field="--errors",
+            field=Argument("errors"),
             expected="independent, or a result of two cameras or more",
         )
     if lasting and settings.method == "laplace":
@@ -95,7 +97,9 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     if lasting and smoother.requires_genealogy:
         raise InputError(
-            f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
+            f"{settings.method} follows the filter's particles, which have none",
+            field=Argument("errors"),
+            expected="independent",
         )
     key = jax.random.key(settings.seed)
     again = smoother.requires_genealogy and "ancestor" not in group_of(tree, HISTORY)
@@ -113,17 +117,6 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         return diagnose(result)
     checked = check_posterior(result, problem.model, jax.random.fold_in(key, 1), problem.inputs, data=problem.observations)
     return with_statures(diagnose(checked), problem.model)
-
-
-def _seen(scene: Scene[SceneData], tree: xr.DataTree) -> SceneData:
-    """What a scene's cameras saw in the frames of a result of it, which may have ended early."""
-    frames = frame_numbers(tree)
-    own = scene.first_frames(len(frames))
-    names = tuple(tree["observed_data"].dataset.coords["camera"].values.tolist())
-    if own.camera_names != names or own.frames.tolist() != list(frames):
-        told = f"{len(own.frames)} frames from {own.frames[0]} on of {some(own.camera_names)}"
-        raise InputError(f"the scene has {told}", field="scene", expected=f"{len(frames)} from {frames[0]} on of {some(names)}")
-    return own.data
 
 
 def _smoothed_marginally(tree: xr.DataTree, problem: Problem, settings: SmoothSettings) -> xr.DataTree:

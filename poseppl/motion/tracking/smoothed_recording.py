@@ -6,14 +6,16 @@ model is that of autocorrelated errors (:mod:`poseppl.motion.tracking.lasting_er
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from poseppl.diagnostics import diagnose
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import body_builder, source_of_model
+from poseppl.motion.settings import TrackSettings
+from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.point_data import PointData
@@ -21,7 +23,7 @@ from poseppl.motion.tracking.recorded_model import offsets_of_lengths
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.smooth import SmoothSettings, smooth_points
 from poseppl.motion.tracking.track import (
-    TrackSettings,
+    Tracked,
     check_settings,
     problem_of_settings,
     result_of_scene,
@@ -33,7 +35,7 @@ from poseppl.motion.tracking.triangulated_start import triangulated_places, tria
 from poseppl.motion.tracking.walk import time_steps
 
 
-def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = None) -> xr.DataTree:
+def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = None) -> Tracked:
     """Smooth a scene of points in two cameras or more, without a filter.
 
     Args:
@@ -41,19 +43,20 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         settings: How; what is of a filter alone is not read, and ``options`` are those of the smoother ``laplace``.
 
     Returns:
-        The smoothed result, with diagnostics.
+        The problem, no run, and the smoothed result with diagnostics.
 
     Raises:
         InputError: A setting is out of range, there is one camera, or no frame shows a marker to two cameras.
         SmoothingError: The smoothed states are not finite.
     """
     settings = settings or TrackSettings()
-    settings = settings._replace(walk=settings.walk or usual_walk(scene, settings))
+    model = settings.model or DEFAULT_MODEL
+    settings = replace(settings, walk=settings.walk or usual_walk(scene, settings))
     check_settings(settings)
     if settings.prior is not None or scene.body.free is not None or len(scene.camera_names) < 2:
         raise InputError(
             "without a filter only a whole body, in two cameras or more and without a prior, is smoothed",
-            field="--filter",
+            field=Argument("filter"),
             expected="kalman or assumed-density",
         )
     params = walk_params(scene.body, settings)
@@ -65,12 +68,12 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         raise InputError("no frame shows a marker to two cameras", expected="cameras that see the same person")
     poses = triangulated_poses(scene.body, places, time_steps(scene.frames, scene.rate))
     known = scene.data.provenance
-    offsets = offsets_of_lengths(scene.body, body_builder(settings.model)) if known.get("lengths measured") is True else None
+    offsets = offsets_of_lengths(scene.body, body_builder(model)) if known.get("lengths measured") is True else None
     how = SmoothSettings("laplace", settings.options, settings.seed, settings.max_draws, errors="lasting")
     run, options = smooth_points(problem, points, scene.frames, scene.rate, known, offsets, poses, how)
     told = {
-        "model": settings.model,
-        "model source": source_of_model(settings.model),
+        "model": model,
+        "model source": source_of_model(model),
         "settings": {**params, "walk": settings.walk, "markers": settings.markers},
         **known,
         "smoother": how.method,
@@ -80,4 +83,4 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         "versions": versions(),
     }
     record: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
-    return diagnose(with_flesh(result_of_scene(scene, problem, run, record), problem))
+    return Tracked(problem, None, diagnose(with_flesh(result_of_scene(scene, problem, run, record), problem)))

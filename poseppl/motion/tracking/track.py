@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics import diagnose
-from poseppl.errors import InputError, brief
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.settings import TrackSettings, Walk
 from poseppl.motion.tracking.assumed_stature import with_statures
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
@@ -27,70 +29,40 @@ from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.filter_history import HISTORY_MIB
 from poseppl.runs.outcome import result_kwargs
 from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
 from poseppl.runs.smoothing import SmoothingRun
 
-Walk = Literal["fixed", "learned", "mean-reverting"]
 _ROOM = 2**28
 """Bytes of the draws that are kept, unless told otherwise."""
 _PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
 
 
-class TrackSettings(NamedTuple):
-    """How a scene is tracked.
+class Tracked(NamedTuple):
+    """A scene that was tracked.
 
     Attributes:
-        model: Name of the body's builder, for the record.
-        filter: Name of the filter, one of :data:`poseppl.runs.algorithms.FILTERS`; if None, that of :func:`usual_filter`.
-        options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
-        sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
-        sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
-        walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
-            the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`. With "mean-reverting" angles come back to how
-            people hold themselves (:func:`~poseppl.motion.tracking.walk.mean_reverting_steps`); the other scales are learned.
-            If None, "mean-reverting" for keypoints in one camera, and "fixed" for all else; see :func:`usual_walk`.
-        markers: "fixed" places on the body, or "learned" ones: those that the recording is most likely under, of points in two
-            cameras or more; see :mod:`poseppl.motion.tracking.marker_learning`.
-        prior: File of a learned activity that takes the random walk's place; see :mod:`poseppl.motion.tracking.learned_prior`.
-        other_motion: Whether, with a prior, the motion may be another one, too.
-        seed: Of the filter.
-        max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
-        history_mib: Room for what smoothers start from, MiB, see :mod:`poseppl.runs.filter_history`; with a prior none is kept.
-        chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
-        on_failure: "continue" or "stop" at a frame of impossible data.
-        devices: How many JAX devices share the particles or chains.
+        problem: What was solved, which smoothers take as it is.
+        run: The filter's run; None where the result comes from a file, or no filter ran.
+        result: The result, with diagnostics.
     """
 
-    model: str = DEFAULT_MODEL
-    filter: str | None = None
-    options: Mapping[str, Any] = {}
-    sigma_position: float | None = None
-    sigma_angle: float | None = None
-    walk: Walk | None = None
-    markers: Literal["fixed", "learned"] = "fixed"
-    prior: str | None = None
-    other_motion: bool = True
-    seed: int = 0
-    max_draws: int | None = None
-    history_mib: float = HISTORY_MIB
-    chunk: int | None = None
-    on_failure: Literal["continue", "stop"] = "continue"
-    devices: int = 1
+    problem: Problem
+    run: Run | None
+    result: xr.DataTree
 
 
 class TrackStopped(RunError):
     """A track that cannot go on.
 
     Attributes:
-        result: The result of the frames before, with diagnostics; its attribute ``stopped`` says why there are no more.
+        tracked: The frames before; the attribute ``stopped`` of the result says why there are no more.
     """
 
-    def __init__(self, error: RunError, result: xr.DataTree) -> None:
+    def __init__(self, error: RunError, tracked: Tracked) -> None:
         super().__init__(str(error), error.frame, error.done)
-        self.result = result
+        self.tracked = tracked
 
 
 def track(
@@ -100,7 +72,7 @@ def track(
     progress: Progress | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
-) -> xr.DataTree:
+) -> Tracked:
     """Track a scene.
 
     Args:
@@ -111,11 +83,11 @@ def track(
         resume: Go on with the run that the folder holds.
 
     Returns:
-        The result, with diagnostics.
+        The problem, the run, and the result with diagnostics.
 
     Raises:
         InputError: A setting is out of range, or the body's walk cannot be learned.
-        TrackStopped: The run cannot go on; holds the result of the frames before.
+        TrackStopped: The run cannot go on; has the result of the frames before.
         RunError: It cannot go on from the first frame.
         CheckpointError: The folder holds another run.
     """
@@ -141,8 +113,10 @@ def track(
     except RunError as error:
         if error.done is None:
             raise
-        raise TrackStopped(error, tracking.result(error.done, stopped=str(error))) from error
-    return tracking.result(run)
+        result = tracking.result(error.done, stopped=str(error))
+        done = problem.first_frames(result["posterior"].sizes["frame"])
+        raise TrackStopped(error, Tracked(done, error.done, result)) from error
+    return Tracked(problem, run, tracking.result(run))
 
 
 class Tracking(NamedTuple):
@@ -179,7 +153,8 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         InputError: A setting is out of range, or the body's walk cannot be learned.
     """
     name = settings.filter or usual_filter(scene, settings)
-    settings = settings._replace(walk=settings.walk or usual_walk(scene, settings), filter=name)
+    walk, model = settings.walk or usual_walk(scene, settings), settings.model or DEFAULT_MODEL
+    settings = replace(settings, model=model, walk=walk, filter=name)
     check_settings(settings)
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
@@ -191,7 +166,7 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     obstacle = problem.model.why_not_predictive(frame_inputs(problem.inputs, 0))
     described = {
         "model": settings.model,
-        "model source": source_of_model(settings.model),
+        "model source": source_of_model(model),
         "filter": name,
         "settings": {**options, **params, "walk": settings.walk, "markers": settings.markers, "max_draws": max_draws},
         **scene.data.provenance,
@@ -225,25 +200,20 @@ def usual_walk(scene: Scene[SceneData], settings: TrackSettings) -> Walk:
 
 
 def check_settings(settings: TrackSettings) -> None:
-    """Refuse settings that are out of range, or do not go together.
+    """Refuse settings that do not go together.
 
     Raises:
-        InputError: One of them is.
+        InputError: Two of them do not.
     """
-    if not 0 <= settings.seed < 2**32:
-        raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
-    if settings.max_draws is not None and settings.max_draws < 1:
-        raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
-    if settings.walk not in get_args(Walk):
-        raise InputError(brief(settings.walk), field="--walk", expected="one of " + ", ".join(get_args(Walk)))
-    if settings.markers not in ("fixed", "learned"):
-        raise InputError(brief(settings.markers), field="--markers", expected="fixed or learned")
     if settings.prior is not None and settings.markers == "learned":
-        raise InputError("the body is the prior's own", field="--prior", expected="no --markers learned with --prior")
+        expected = Phrase("no ", Argument("markers", "learned"), " with it")
+        raise InputError("the body is the prior's own", field=Argument("prior"), expected=expected)
     walks = settings.walk != "fixed" or settings.sigma_position is not None or settings.sigma_angle is not None
     if settings.prior is not None and walks:
-        expected = "no --walk, --sigma-position or --sigma-angle with --prior"
-        raise InputError("the random walk is the prior's own", field="--prior", expected=expected)
+        expected = Phrase(
+            "no ", Argument("walk"), ", ", Argument("sigma_position"), " or ", Argument("sigma_angle"), " with it"
+        )
+        raise InputError("the random walk is the prior's own", field=Argument("prior"), expected=expected)
 
 
 def problem_of_settings(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
@@ -258,17 +228,14 @@ def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
     """The body's params with the scales of the random walk that are asked for.
 
     Raises:
-        InputError: A scale is not positive, or the body has none.
+        InputError: The body has no such parameter.
     """
     params = dict(body.params)
     for name, value in (("sigma_position", settings.sigma_position), ("sigma_angle", settings.sigma_angle)):
-        field = "--" + name.replace("_", "-")
         if value is None:
             continue
         if name not in params:
-            raise InputError("the model has no such parameter", field=field, expected="no such option with this model")
-        if not 0 < value < 1e6:
-            raise InputError(f"{value:g}", field=field, expected="a positive number")
+            raise InputError("the model has no such parameter", field=Argument(name), expected="none with this model")
         params[name] = float(value)
     return params
 
@@ -285,11 +252,11 @@ def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filt
     if devices > 1 and options.get(name, devices) % devices:
         shared = f"{options[name]} {name.removeprefix('num_')}"
         expected = f"a number that divides the {shared}"
-        raise InputError(f"{devices} devices cannot share {shared}", field="--devices", expected=expected)
+        raise InputError(f"{devices} devices cannot share {shared}", field=Argument("devices"), expected=expected)
     try:
         return sharded(filter, devices)
     except ValueError as error:
-        raise InputError(str(error), field="--devices") from error
+        raise InputError(str(error), field=Argument("devices")) from error
 
 
 def affordable_draws(problem: Problem, chains: int) -> int:

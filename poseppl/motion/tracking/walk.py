@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.bodies.body import Body, Posture
 from poseppl.motion.tracking.start import scales
 
 ASSUMED_RATE = 30.0
 """Frames a second where nobody has said: the rate that the scales were published for."""
+UNKNOWN_RATE = Phrase(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (", Argument("rate"), ")")
 SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5
 """Of a body that does not tell its own: translations, mm a root of a second."""
 SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
@@ -75,7 +76,7 @@ def mean_reverting_steps(body: Body, params: Mapping[str, float], seconds: Float
     known = [index for index, coordinate in enumerate(body.tree.coordinates) if coordinate in body.postures]
     if not known:
         expected = "a body with postures, such as poseppl_models.bodies.choo_fleet:full_body; or fixed, or learned"
-        raise InputError("it is not told how this body holds itself", field="--walk", expected=expected)
+        raise InputError("it is not told how this body holds itself", field=Argument("walk"), expected=expected)
     steps, mean, kept = step_scales(body, params, seconds), np.zeros(body.tree.dimension), np.exp(-seconds / MEMORY)[:, None]
     mean[known], spread = np.transpose([body.postures[body.tree.coordinates[index]] for index in known])
     steps[:, known] = SPREAD * spread * np.sqrt(1 - kept**2)

@@ -29,7 +29,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.compilation import jit_lightly
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, quadratic_prior
@@ -85,7 +85,9 @@ def learned_scales(problem: Problem, learn: Callable[..., Array]) -> Array:
         _check_walk(problem.model, free, data[1])
         return learn(problem.model, _groups(problem.body), free, *data)
     except ValueError as error:
-        raise InputError(f"the walk of this body cannot be learned: {error}", field="--walk", expected="fixed") from error
+        raise InputError(
+            f"the walk of this body cannot be learned: {error}", field=Argument("walk"), expected="fixed"
+        ) from error
 
 
 def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> None:

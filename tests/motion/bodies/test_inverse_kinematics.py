@@ -160,7 +160,7 @@ def test_too_few_points_are_refused(data_dir):
         fit_subject(strange, full_body)
     motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), 100.0, "few.c3d")
     assert match_markers(motion, ("pelvis", "knee_l"), full_body().aliases).shape == (4, 2, 3)
-    with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*points for .*hip_l.*; name them with --names"):
+    with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*points for .*hip_l.*; name them with names="):
         fit_subject(motion, full_body)
 
 

@@ -98,7 +98,7 @@ def test_files_of_opencv(tmp_path: Path) -> None:
         assert camera.size == (1088, 1920)
     same(read_calibration(tmp_path / "left.yml", "mm").cameras[0], 1.0)
     same(read_calibration(tmp_path / "left.yml", "25.4").cameras[0], 25.4)
-    with pytest.raises(InputError, match="--unit: 'feet' .expected mm, cm, dm, m, in, or a number of mm"):
+    with pytest.raises(InputError, match="unit: 'feet' .expected mm, cm, dm, m, in, or a number of mm"):
         read_calibration(tmp_path, "feet")
 
 
@@ -110,7 +110,7 @@ def test_the_axis_that_is_up_can_be_given(tmp_path: Path) -> None:
     turned = np.array([3.0, 5.0, 2.0])
     camera = found.cameras[0]
     np.testing.assert_allclose(camera.rotation @ turned + camera.translation, TURN @ point + PLACE[:, 0], atol=1e-12)
-    with pytest.raises(InputError, match="--up: 'down' is no axis"):
+    with pytest.raises(InputError, match="up: 'down' is no axis"):
         read_calibration(tmp_path, up="down")
 
 

@@ -42,7 +42,7 @@ def test_malformed_files_are_refused(tmp_path, maps, skeleton, message):
 
 def test_maps_want_a_skeleton(tmp_path):
     (tmp_path / "walk.txt").write_text(EXPONENTIAL_MAPS)
-    with pytest.raises(InputError, match="exponential maps need their skeleton .expected --skeleton skeleton.json"):
+    with pytest.raises(InputError, match="exponential maps need their skeleton .expected skeleton='skeleton.json'"):
         read_motion(tmp_path / "walk.txt")
 
 

@@ -180,7 +180,7 @@ def test_names_tell_markers() -> None:
 @pytest.mark.parametrize(
     ("name", "document", "words"),
     [
-        ("a.json", {"a": 1}, "no keypoints of a detector that is known .*--detector says which"),
+        ("a.json", {"a": 1}, "no keypoints of a detector that is known .*detector says which"),
         ("a.txt", "hello", "no keypoints of a detector that is known"),
         ("a.csv", "a,b\n1,2\n", "no keypoints of a detector that is known"),
         ("a.json", [{"image_id": "x.jpg", "keypoints": [1, 2, 3]}], r"\[0\]\.image_id: 'x\.jpg' tells no frame"),
@@ -206,7 +206,7 @@ def test_a_wrong_file_is_told(tmp_path: Path, name: str, document: Any, words: s
 
 
 def test_detectors_and_layouts_that_do_not_fit(tmp_path: Path, data_dir: Path) -> None:
-    with pytest.raises(InputError, match="--detector: 'mine'"):
+    with pytest.raises(InputError, match="detector: 'mine'"):
         read_keypoints(tmp_path, "mine")
     (file,) = (data_dir / "fly_legs").glob("*Cam-A*rng=0.csv")
     assert detector_of(file) == "deeplabcut" and read_keypoints(file).names[0] == "L1A"

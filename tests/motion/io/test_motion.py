@@ -42,7 +42,7 @@ def test_bad_frames(frames):
 
 
 def test_out_of_range_tells_the_range():
-    with pytest.raises(InputError, match=r"walk, --frames: '5:20' is out of range \(expected a range within 0:10\)"):
+    with pytest.raises(InputError, match=r"walk, frames: '5:20' is out of range \(expected a range within 0:10\)"):
         slice_frames(motion(), "5:20")
 
 
@@ -57,7 +57,7 @@ def test_shapes_are_checked():
 
 def test_read_motion_names_what_it_needs(tmp_path):
     for name, options, message in (
-        ("walk.amc", {}, "--skeleton FILE.asf"),
+        ("walk.amc", {}, "skeleton='FILE.asf'"),
         ("walk.amc", {"skeleton": tmp_path / "no.asf"}, "no.asf: no such file"),
         ("walk.amc", {"skeleton": "x.asf", "rate": -1.0}, "frames a second"),
         ("walk.bvh", {"skeleton": "x.asf"}, "takes no skeleton"),

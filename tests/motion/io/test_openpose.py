@@ -95,7 +95,7 @@ def test_files_and_layouts_that_do_not_fit(tmp_path: Path) -> None:
     write(tmp_path, [], first=1)
     with pytest.raises(InputError, match="25, as body25 has"):
         read_openpose(tmp_path, "body25")
-    with pytest.raises(InputError, match="--layout"):
+    with pytest.raises(InputError, match="layout"):
         read_openpose(tmp_path, "mine")
     (tmp_path / "other.1.json").write_text("{}")
     with pytest.raises(InputError, match="frame 1 is also"):

@@ -25,7 +25,7 @@ def test_the_head_is_above_the_feet(up: str) -> None:
     places = recording(up)
     found = vertical_axis(NAMES, places, usual="z", kind="C3D files")
     assert found.axis == up and found.certain
-    assert found.note().startswith(f"{up.upper()} is up: the head") and "--up" in found.note()
+    assert found.note().startswith(f"{up.upper()} is up: the head") and "up sets another axis" in found.note()
     np.testing.assert_allclose(z_up(places, found.axis)[:, 0, 2], 1650)
     turned = z_up(np.eye(3), up)
     assert np.linalg.det(turned) == pytest.approx(1)
@@ -44,9 +44,9 @@ def test_what_a_file_states_is_taken_and_a_contradiction_is_reported() -> None:
     assert agreed == ("y", "POINT:Y_SCREEN says so", True)
     other = vertical_axis(NAMES, places, stated="z", stated_by="POINT:Y_SCREEN", usual="z", kind="C3D files")
     assert other.axis == "z" and not other.certain
-    assert "above the feet along Y" in other.note() and "--up" in other.note()
+    assert "above the feet along Y" in other.note() and "up sets another axis" in other.note()
     given = vertical_axis(NAMES, places, given="x", stated="z", usual="z", kind="C3D files")
-    assert given.note() == "X is up: --up says so"
+    assert given.note() == "X is up: up says so"
 
 
 def test_an_unknown_axis_is_assumed_and_named() -> None:
@@ -58,12 +58,12 @@ def test_an_unknown_axis_is_assumed_and_named() -> None:
     assert vertical_axis(anonymous, tall, usual="z", kind="TRC files", agreed=True)[::2] == ("z", False)
     assert vertical_axis(anonymous, lying, usual="z", kind="C3D files")[::2] == ("z", False)
     unsure = vertical_axis(NAMES, tumbling, usual="z", kind="C3D files")
-    assert unsure[::2] == ("z", False) and "assumed" in unsure.note() and "--up" in unsure.note()
+    assert unsure[::2] == ("z", False) and "assumed" in unsure.note() and "up sets another axis" in unsure.note()
     assert vertical_axis(NAMES, tumbling, rest=recording("y", 1)[0], usual="z", kind="BVH files")[::2] == ("y", True)
     assert vertical_axis(NAMES, np.full((3, 5, 3), np.nan), usual="y", kind="TRC files")[::2] == ("y", False)
 
 
 def test_axes_are_checked() -> None:
     check_axis("-y")
-    with pytest.raises(InputError, match="--up: 'up' is no axis"):
+    with pytest.raises(InputError, match="up: 'up' is no axis"):
         check_axis("up")

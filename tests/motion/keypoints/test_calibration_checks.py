@@ -16,6 +16,7 @@ from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.motion import z_up
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.scene import scene_of_keypoints
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 BODY = full_body()
@@ -33,7 +34,7 @@ def test_nothing_is_said_of_the_unit_of_a_person_of_usual_size(size: float) -> N
 @pytest.mark.parametrize(("factor", "height"), [(1000.0, "1.7e+03 m"), (10.0, "17 m"), (0.1, "0.17 m"), (0.4, "0.68 m")])
 def test_a_wrong_unit_is_told(factor: float, height: str) -> None:
     (told,) = calibration_notes(factor * STANDING, MARKERS)
-    assert f"about {height} tall" in told and "--unit" in told
+    assert f"about {height} tall" in told and "(unit)" in told
 
 
 def rig(count: int) -> list[CameraRecord]:
@@ -64,7 +65,7 @@ def test_a_person_who_lies_does_not_turn_the_world() -> None:
     lying = np.roll(STANDING, 1, axis=-1)
     found = vertical_of_calibration(*seen_by(rig(4), lying), MARKERS)
     assert found.axis == "z" and not found.certain
-    assert "above the feet along X" in found.note() and "--up" in found.note()
+    assert "above the feet along X" in found.note() and "up sets another axis" in found.note()
 
 
 @pytest.mark.full
@@ -78,7 +79,11 @@ def test_a_world_of_the_first_cameras_axes_is_turned(data_dir: Path) -> None:
         others.append(record._replace(rotation=turn, translation=record.translation - turn @ first.translation))
     files = {f"cam_0{c}": folder / "pose" / f"cam0{c}_json" for c in (1, 4)}
     for cameras, axis in ((records, "Z"), (others, "-Y")):
-        found = scene_of_keypoints(files, cameras, frames="0:8", rate=60.0, refine=False, mend=False)
+        found = scene_of_keypoints(
+            KeypointSettings(files, cameras, frames="0:8", rate=60.0, keep=("calibration", "detections"))
+        )
         assert sum(f"calibration's {axis} is up" in note for note in found.notes()) == 1
-        chosen = scene_of_keypoints(files, Calibration(tuple(cameras), "mm", axis.lower()), frames="0:8", rate=60.0)
+        chosen = scene_of_keypoints(
+            KeypointSettings(files, Calibration(tuple(cameras), "mm", axis.lower()), frames="0:8", rate=60.0)
+        )
         assert any(f"{axis} of the calibration is up" in note for note in chosen.notes())

@@ -44,7 +44,7 @@ def test_the_unit_is_found(records: tuple[CameraRecord, ...], people: list[Detec
 @pytest.mark.full
 def test_what_makes_no_person_is_told(records: tuple[CameraRecord, ...], people: list[DetectedPeople]) -> None:
     with pytest.raises(
-        InputError, match=r"--unit: .* in cm the person would be 0\.5\d m tall .expected mm, cm, m, or how many mm"
+        InputError, match=r"unit: .* in cm the person would be 0\.5\d m tall .expected mm, cm, m, or how many mm"
     ):
         infer_unit(as_if(records, 1 / 0.0304), people, MARKERS)
     nobody = [found._replace(points=np.full_like(found.points, np.nan)) for found in people]

@@ -108,7 +108,7 @@ def test_a_given_offset_is_taken(cameras: Cameras, people: list[DetectedPeople])
     moved = late(people, 0, 0, 5, 0)
     aligned, _ = common_frames(NAMES, cameras, moved, Clocks(60.0, offsets={"cam_03": 5.0}, find=False), None)
     np.testing.assert_array_equal(aligned.people[2].points, people[2].points)
-    with pytest.raises(InputError, match=r"--offset: no keypoints of a camera 'left' .expected cam_01"):
+    with pytest.raises(InputError, match=r"camera: no keypoints of a camera 'left' .expected cam_01"):
         common_frames(NAMES, cameras, moved, Clocks(60.0, offsets={"left": 5.0}), None)
 
 
@@ -167,7 +167,7 @@ def test_times_of_a_clock_count_from_its_first_second(cameras: Cameras, people: 
 @pytest.mark.parametrize("factor", [1000.0, 0.001])
 def test_times_that_are_no_seconds_are_refused(cameras: Cameras, people: list[DetectedPeople], factor: float) -> None:
     timed = [found._replace(times=factor * np.arange(100) / 60.0) for found in people]
-    with pytest.raises(InputError, match=r"--rate: the frames of cam_01 are .* s apart by their times"):
+    with pytest.raises(InputError, match=r"rate: the frames of cam_01 are .* s apart by their times"):
         common_frames(NAMES, cameras, timed, Clocks(60.0, find=False), None)
 
 

@@ -16,7 +16,7 @@ from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.data_association import associate
 from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints, with_markers
-from poseppl.motion.keypoints.sources import Clocks
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -56,11 +56,11 @@ def test_limbs_exchanged_in_a_tenth_of_the_frames_are_put_right(
             (tmp_path / f"cam0{camera}" / file.name).write_text(json.dumps(told))
     exchanged = {f"cam_0{c}": tmp_path / f"cam0{c}" for c in CAMERAS}
     true = {f"cam_0{c}": data_dir / "pose2sim_balancing" / "pose" / f"cam0{c}_json" for c in CAMERAS}
-    found = scene_of_keypoints(exchanged, records, rate=60, clocks=Clocks(60.0, find=False))
+    found = scene_of_keypoints(KeypointSettings(exchanged, records, rate=60, keep=("clocks",)))
     associated: Any = found.associated
     assert np.array_equal(associated.swaps > 0.5, wrong)
     assert f"left and right legs are swapped in {wrong[:, 0, 1].sum()} frames" in " ".join(found.notes())
-    untouched = scene_of_keypoints(true, records, rate=60, clocks=Clocks(60.0, find=False), refine=False, mend=False)
+    untouched = scene_of_keypoints(KeypointSettings(true, records, rate=60, keep=("clocks", "calibration", "detections")))
     assert np.array_equal(associated.points, untouched.scene.data.points, equal_nan=True)
     assert found.scene.data.faults["swaps"].shape == (100, 2, 2)
     assert found.scene.first_frames(7).data.faults["wrong_person"].shape == (7, 2)

@@ -22,6 +22,7 @@ from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
 from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.scene import check_markers, scene_of_keypoints
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking.placing import cameras_of_records
 
 
@@ -68,8 +69,8 @@ def test_points_somewhere_else_in_the_picture_are_not_seen(records: tuple[Camera
         shift = 0.2 * np.hypot(1088, 1920) * np.stack([np.cos(turn), np.sin(turn)], -1)
         strewn[name] = found._replace(points=found.points + far[..., None] * shift)
         astray.append(far[:, 0])
-    plain = scene_of_keypoints(people, records, rate=60, refine=False).scene.data.points
-    found = scene_of_keypoints(strewn, records, rate=60, refine=False)
+    plain = scene_of_keypoints(KeypointSettings(people, records, rate=60, keep=("calibration",))).scene.data.points
+    found = scene_of_keypoints(KeypointSettings(strewn, records, rate=60, keep=("calibration",)))
     numbers, names = markers_of_names(people["cam_03"].names), found.scene.body.tree.marker_names
     into = [index for index, name in enumerate(names) if name in numbers]
     of = [numbers[names[index]] for index in into]
@@ -105,9 +106,13 @@ def test_a_stature_that_one_camera_takes_for_granted_is_told(
     records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
     one = {"cam_01": folders["cam_01"]}
-    told, given = (scene_of_keypoints(one, records, rate=60, stature=stature).notes() for stature in (None, 1800.0))
+    told, given = (
+        scene_of_keypoints(KeypointSettings(one, records, rate=60, stature=stature)).notes() for stature in (None, 1800.0)
+    )
     assert "taken to be 1.69 +- 0.09 m tall" in " ".join(told) and "tall" not in " ".join(given)
-    assert "tall" not in " ".join(scene_of_keypoints(folders, records, rate=60, refine=False).notes())
+    assert "tall" not in " ".join(
+        scene_of_keypoints(KeypointSettings(folders, records, rate=60, keep=("calibration",))).notes()
+    )
 
 
 @pytest.mark.full
@@ -115,13 +120,13 @@ def test_the_person_and_the_cameras_errors_are_found(
     data_dir: Path, records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
     published = np.load(data_dir / "pose2sim_balancing" / "reference" / "balancing_keypoints.npz")
-    kept = scene_of_keypoints(folders, records, rate=60, refine=False)
+    kept = scene_of_keypoints(KeypointSettings(folders, records, rate=60, keep=("calibration",)))
     index = kept.scene.body.tree.marker_names.index("wrist_l")
     wrist = published["kp"][:, :, list(published["names"]).index("LWrist"), :2]
     assert np.nanmax(np.linalg.norm(kept.scene.data.points[:, :, index] - wrist, axis=-1)) < 0.01
     assert any("cam_01: points lie" in note for note in kept.notes())
     assert 300 < kept.scene.body.lengths["thigh"] < 500
-    mended = scene_of_keypoints(folders, records, rate=60)
+    mended = scene_of_keypoints(KeypointSettings(folders, records, rate=60))
     assert (mended.errors.scale < 10).all()  # 20, 10, 26 and 11 px as calibrated
     assert (np.linalg.norm(mended.errors.bias, axis=-1) < 1.5).all()
     assert (kept.errors.scale > mended.errors.scale).all()
@@ -140,7 +145,7 @@ def test_a_turned_camera_is_the_first_one_named(
 ) -> None:
     wrong = list(records)
     wrong[camera] = turned(wrong[camera], (0, 2, 0))
-    found = scene_of_keypoints(folders, wrong, rate=60)
+    found = scene_of_keypoints(KeypointSettings(folders, wrong, rate=60))
     assert found.refined is not None
     assert int(np.argmax(np.linalg.norm(found.refined.turn, axis=-1))) == camera
     assert [note for note in found.notes() if "its calibration is off by" in note][0].startswith(f"cam_0{camera + 1}:")
@@ -151,7 +156,7 @@ def test_a_turned_camera_is_the_first_one_named(
 def test_exchanged_cameras_are_named(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     first, second, third, fourth = records
     wrong = (third._replace(name="cam_01"), second, first._replace(name="cam_03"), fourth)
-    told = " ".join(scene_of_keypoints(folders, wrong, rate=60).notes())
+    told = " ".join(scene_of_keypoints(KeypointSettings(folders, wrong, rate=60)).notes())
     assert "cam_01: the person it sees" in told
     assert "cam_03: the person it sees" in told
     assert "cam_02: the person it sees" not in told
@@ -160,7 +165,7 @@ def test_exchanged_cameras_are_named(records: tuple[CameraRecord, ...], folders:
 @pytest.mark.slow
 def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     """The person's places projected by cameras with known errors, noise of 8 px that is new each second."""
-    scene = scene_of_keypoints(folders, records, rate=60).scene
+    scene = scene_of_keypoints(KeypointSettings(folders, records, rate=60)).scene
     calibrated, shape = scene.cameras, scene.data.points.shape
     places = triangulate(calibrated, scene.data.points, np.ones(shape[:3]))
     scores, left, before = [], [], []
@@ -196,7 +201,7 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
             gone = frame >= 70 or (c == 2 and frame % 3)
             text = (data_dir / "pose2sim_balancing" / "pose" / f"cam0{c}_json" / name).read_text()
             (folder / name).write_text('{"people": []}' if gone else text)
-    found = scene_of_keypoints(folders, records, rate=60, refine=False)
+    found = scene_of_keypoints(KeypointSettings(folders, records, rate=60, keep=("calibration",)))
     assert any(note.startswith("cam_02: nobody was found in 76% of its 100 frames") for note in found.notes())
     left = "no camera sees the person in 30 of 100 frames, the longest gap from frame 70 to 99"
     assert any(note.startswith(left) for note in found.notes())
@@ -208,9 +213,9 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
 @pytest.mark.full
 def test_what_does_not_fit_is_told(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     with pytest.raises(InputError, match=r"no camera 'cam1' in the calibration \(expected cam_01, cam_02"):
-        scene_of_keypoints({"cam1": folders["cam_01"]}, records)
+        scene_of_keypoints(KeypointSettings({"cam1": folders["cam_01"]}, records))
     with pytest.raises(InputError, match="people are seen"):
-        scene_of_keypoints(folders, records, rate=60, person=200)
+        scene_of_keypoints(KeypointSettings(folders, records, rate=60, person=200))
 
 
 def test_animals_point_to_a_skeleton_and_parts_of_a_person_do_not(folders: dict[str, Path]) -> None:
@@ -218,7 +223,7 @@ def test_animals_point_to_a_skeleton_and_parts_of_a_person_do_not(folders: dict[
     body = full_body().tree.marker_names
     check_markers(person, body)
     fly = person._replace(layout="", names=("nose", "head", "neck", "shoulder_left", "shoulder_right", "tail_base", "trunk"))
-    with pytest.raises(InputError, match="--keypoints: 3 of the body's 17 markers .*tail_base.*--skeleton FILE.toml"):
+    with pytest.raises(InputError, match="files: 3 of the body's 17 markers .*tail_base.*tracked as points .*model='BUILDER'"):
         check_markers(fly, body)
     check_markers(fly, ("shoulder_l", "elbow_l", "wrist_l"))  # of an arm it is enough
     legs = person._replace(layout="", names=tuple(f"{joint}{side}" for side in "LR" for joint in ("Hip", "Knee", "Ankle")))

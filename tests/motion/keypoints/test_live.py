@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.live import LiveTrack, sees_someone
 from poseppl.motion.keypoints.people import FollowedPerson, associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints
-from poseppl.motion.keypoints.sources import Clocks
+from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.tracking import TrackSettings, track
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.runs.run import run_filter
@@ -64,10 +65,10 @@ def test_first_frames_alone_are_what_the_filter_gives(
 ) -> None:
     folders = dict(list(folders.items())[:count])
     frames = [each._replace(people=each.people[:count]) for each in frames]
-    live = LiveTrack(folders, calibration, frames, SETTINGS, lambda note: None, rate=60.0)
-    how: Any = {"clocks": Clocks(60.0, find=False), "rate": 60.0, "mend": False, "frames": f":{FRAMES}"}
-    scene = scene_of_keypoints(folders, calibration, **how).scene
-    whole = track(scene, SETTINGS._replace(history_mib=0))  # which frames that come one by one do not keep
+    live = LiveTrack(LiveSettings(folders, calibration, rate=60.0), frames, SETTINGS, lambda note: None)
+    how: Any = {"rate": 60.0, "keep": ("clocks", "detections"), "frames": f":{FRAMES}"}
+    scene = scene_of_keypoints(KeypointSettings(folders, calibration, **how)).scene
+    whole = track(scene, replace(SETTINGS, history_mib=0)).result  # which frames that come one by one do not keep
     same(live.finish(), whole)
     np.testing.assert_array_equal(live.estimate.mean, whole["summary"].dataset["markers_mean"])
     assert (live.estimate.lower <= live.estimate.upper).all()
@@ -79,7 +80,7 @@ def test_frames_one_by_one_are_what_a_run_of_them_gives_and_nothing_is_traced(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame], caplog: pytest.LogCaptureFixture
 ) -> None:
     notes: list[str] = []
-    live = LiveTrack(folders, calibration, frames[:5], SETTINGS, notes.append, rate=60.0)
+    live = LiveTrack(LiveSettings(folders, calibration, rate=60.0), frames[:5], SETTINGS, notes.append)
     assert any("body25b" in note for note in notes)
     lost = frames[7]._replace(people=(frames[7].people[0], None, [], frames[7].people[3]))
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
@@ -106,7 +107,7 @@ def test_one_cameras_intervals_have_the_stature_in_them(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
     one = [frame._replace(people=frame.people[:1]) for frame in frames]
-    live = LiveTrack({"cam_01": folders["cam_01"]}, calibration, one[:-1], SETTINGS, lambda note: None, rate=60)
+    live = LiveTrack(LiveSettings({"cam_01": folders["cam_01"]}, calibration, rate=60), one[:-1], SETTINGS, lambda note: None)
     last, tree = live.add(one[-1]), live.finish()
     kept = np.asarray(live.whole().problem.inputs.posture.kept)
     assert kept.min() < 1 and (kept == kept[0]).all() and len(kept) == FRAMES
@@ -120,11 +121,13 @@ def test_the_points_of_later_frames_are_those_of_a_recording(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
     """With the cameras as they are, all that the first frames tell of the points is whom they are of, and the noise's scale."""
-    live = LiveTrack(folders, calibration, frames[:5], SETTINGS, lambda note: None, rate=60.0, refine=False)
+    live = LiveTrack(
+        LiveSettings(folders, calibration, rate=60.0, keep=("calibration",)), frames[:5], SETTINGS, lambda note: None
+    )
     for frame in frames[5:]:
         live.add(frame)
-    how: Any = {"clocks": Clocks(60.0, find=False), "rate": 60.0, "mend": False, "refine": False, "frames": f":{FRAMES}"}
-    whole, data = scene_of_keypoints(folders, calibration, **how).scene.data, live.whole().scene.data
+    how: Any = {"rate": 60.0, "keep": ("clocks", "calibration", "detections"), "frames": f":{FRAMES}"}
+    whole, data = scene_of_keypoints(KeypointSettings(folders, calibration, **how)).scene.data, live.whole().scene.data
     np.testing.assert_array_equal(data.points, whole.points)
     ratio = data.noise / whole.noise
     np.testing.assert_allclose(ratio, np.broadcast_to(ratio[:1, :, :1], ratio.shape))
@@ -151,4 +154,4 @@ def test_nobody_is_told(folders: dict[str, Path], calibration: Any, frames: list
     empty = [frame._replace(people=([], None, [], [])) for frame in frames]
     assert [sees_someone(frame) for frame in (frames[0], empty[0])] == [True, False]
     with pytest.raises(InputError, match=f"nobody was found in any of {FRAMES} frames"):
-        LiveTrack(folders, calibration, empty, SETTINGS, lambda note: None, rate=60.0)
+        LiveTrack(LiveSettings(folders, calibration, rate=60.0), empty, SETTINGS, lambda note: None)

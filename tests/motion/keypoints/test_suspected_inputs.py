@@ -71,8 +71,8 @@ def test_the_size_of_pictures(records: list[CameraRecord], cameras: Cameras, sca
     people = [seen(cameras, c) for c in range(3)]
     small = [scaled(people[0], scale), people[1], scaled(people[2], scale)]
     width, height = (round(side * scale) for side in SIZE)
-    options = f"--image-size camera_1={width}x{height} --image-size camera_3={width}x{height}"
-    with pytest.raises(InputError, match=rf"--calibration: .*camera_1, camera_3 are .*1200x1000 px, .* {options}"):
+    options = f"camera='camera_1:size={width}x{height}' camera='camera_3:size={width}x{height}'"
+    with pytest.raises(InputError, match=rf"calibration: .*camera_1, camera_3 are .*1200x1000 px, .* {options}"):
         check_inputs(records, small, Clocks(RATE))
     resized = [with_size(records[c], (width, height)) if c != 1 else records[c] for c in range(3)]
     check_inputs(resized, small, Clocks(RATE))
@@ -92,7 +92,9 @@ def test_a_resized_picture_has_its_pixels_where_they_were() -> None:
 def test_a_camera_of_another_rate(records: list[CameraRecord], cameras: Cameras, ratio: float, rate: str) -> None:
     other = seen(cameras, 1, np.arange(round(FRAMES * ratio)) / ratio)
     people = [seen(cameras, 0), other, seen(cameras, 2)]
-    with pytest.raises(InputError, match=rf"camera_2 has .* as many frames.*--camera-rate camera_2={rate}; or camera_2=60 if"):
+    with pytest.raises(
+        InputError, match=rf"camera_2 has .* as many frames.*camera='camera_2:rate={rate}'; or camera_2:rate=60 if"
+    ):
         check_inputs(records, people, Clocks(RATE))
     for known in (float(rate), RATE):
         check_inputs(records, people, Clocks(RATE, {"camera_2": known}))
@@ -104,7 +106,9 @@ def test_frame_numbers_that_never_meet(records: list[CameraRecord], cameras: Cam
         found = seen(cameras, c)
         found.points[1 - c % 2 :: 2] = np.nan  # cameras 1 and 3 have even numbers, camera 2 odd ones
         people.append(found)
-    with pytest.raises(InputError, match=r"camera_2 shares no frame number .* 1, 3, 5, \.\.\. 59.*0, 2, 4, .*camera_2=1"):
+    with pytest.raises(
+        InputError, match=r"camera_2 shares no frame number .* 1, 3, 5, \.\.\. 59.*0, 2, 4, .*camera_2:offset=1"
+    ):
         check_inputs(records, people, Clocks(RATE))
     check_inputs(records, people, Clocks(RATE, offsets={"camera_2": 1.0}))
 

@@ -78,7 +78,7 @@ def test_a_state_that_is_left_for_no_other():
         ([walk("tall", 0.0, frames=17)], SMALL, "17 frames are too few for 6 states .* 18 or more"),
         ([walk("tall", 0.0), walk("small", 0.0, rate=30.0)], SMALL, "small.bvh: 30 frames a second"),
         ([walk("tall", 0.0), walk("small", 0.0, frames=1)], SMALL, "small.bvh: a single frame"),
-        ([walk("tall", 0.0)], SMALL._replace(num_components=4), "--components: 4 components of 3 angles"),
+        ([walk("tall", 0.0)], SMALL._replace(num_components=4), "components: 4 components of 3 angles"),
         ([walk("tall", 0.0)], SMALL._replace(free=("hip", "tail")), "no joint 'tail'"),
         ([walk("tall", 0.0)], SMALL._replace(free=("neck",)), "the root 'hip' is learned"),
     ],

@@ -19,6 +19,7 @@ from poseppl.motion.points.files import read_point_recording
 from poseppl.motion.points.fit import prior_moments
 from poseppl.motion.points.linked_points import components
 from poseppl.motion.points.named_points import PointRecording, make_point_problem, places_of
+from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.points.smoothing import best_seen
 from poseppl.program.parameters import parameter_bijector
 
@@ -84,15 +85,15 @@ def test_files_become_a_recording(data_dir: Path) -> None:
     records = read_cameras(board / "camera_array.toml")
     files = {record.name: board / "xy_CHARUCO.csv" for record in records[:3]}
     skeleton = Skeleton(("8", "0"), (), ())
-    read = read_point_recording(files, records, skeleton=skeleton, frames="0:40:2", rate=30)
+    read = read_point_recording(PointSettings(files, records, skeleton=skeleton, frames="0:40:2", rate=30))
     assert read.points.shape == (20, 3, 2, 2) and read.rate == 15
     assert read.frames.tolist() == list(range(int(read.frames[0]), int(read.frames[0]) + 40, 2))
-    first = read_point_recording(files, records, frames="0:1")
+    first = read_point_recording(PointSettings(files, records, frames="0:1"))
     assert np.allclose(read.points[0, :, 1], first.points[0, :, 0], equal_nan=True)
     with pytest.raises(InputError, match="no point 'nose'"):
-        read_point_recording(files, records, skeleton=Skeleton(("nose",), (), ()))
+        read_point_recording(PointSettings(files, records, skeleton=Skeleton(("nose",), (), ())))
     with pytest.raises(InputError, match="no camera 'x'"):
-        read_point_recording({"x": board / "xy_CHARUCO.csv"}, records)
+        read_point_recording(PointSettings({"x": board / "xy_CHARUCO.csv"}, records))
 
 
 def test_nothing_is_lost_of_files_that_have_faults(tmp_path: Path) -> None:
@@ -106,7 +107,7 @@ def test_nothing_is_lost_of_files_that_have_faults(tmp_path: Path) -> None:
         files[name] = tmp_path / f"{name}.csv"
         files[name].write_text(header + "".join(lines), encoding="utf-8")
     camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
-    read = read_point_recording(files, [camera._replace(name=name) for name in files])
+    read = read_point_recording(PointSettings(files, [camera._replace(name=name) for name in files]))
     seen = np.isfinite(read.points).all(-1)[..., 0]
     assert seen.sum(0).tolist() == [6, 9, 5]
     assert read.points[9, 1, 0].tolist() == [109.0, 209.0]
@@ -140,10 +141,10 @@ def test_an_animal_goes_by_its_name_in_all_cameras(tmp_path: Path) -> None:
     records = [camera._replace(name=name) for name in ("one", "other")]
     files = several(tmp_path, one=["a", "b"], other=["b", "a"])
     for person, x in ((1, 10), (2, 11)):
-        read = read_point_recording(files, records, person=person)
+        read = read_point_recording(PointSettings(files, records, person=person))
         assert set(read.points[..., 0].ravel().tolist()) == {x}
-    with pytest.raises(InputError, match=r"other\.csv, --person: no 'b'"):
-        read_point_recording(several(tmp_path, one=["a", "b"], other=["a", "c"]), records, person=2)
+    with pytest.raises(InputError, match=r"other\.csv, person: no 'b'"):
+        read_point_recording(PointSettings(several(tmp_path, one=["a", "b"], other=["a", "c"]), records, person=2))
 
 
 @pytest.mark.full
@@ -154,7 +155,7 @@ def test_animals_without_names_are_refused(data_dir: Path) -> None:
     )
     files = {f"cam_0{c}": next(pose.rglob(f"cam0{c}_json")) for c in (1, 2)}
     with pytest.raises(InputError, match="no names that tell who is who"):
-        read_point_recording(files, records)
+        read_point_recording(PointSettings(files, records))
 
 
 @pytest.mark.full
@@ -162,4 +163,4 @@ def test_one_file_for_two_cameras_is_refused(tmp_path: Path) -> None:
     camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
     files = dict.fromkeys(("one", "other"), several(tmp_path, one=["a"])["one"])
     with pytest.raises(InputError, match="one and other have the same points"):
-        read_point_recording(files, [camera._replace(name=name) for name in files])
+        read_point_recording(PointSettings(files, [camera._replace(name=name) for name in files]))

@@ -73,7 +73,7 @@ def test_what_cannot_be_rendered_is_told(walker: Build) -> None:
     with pytest.raises(InputError, match="knee_r is unknown in frame 2"):
         figure_points(JOINTS, places)
     room = room_around(np.zeros((1, 2)), 0.0)
-    bad = ((5, (96, 72), None, "--cameras"), (4, (97, 72), None, "--size"), (4, (96, 72), 1.0, "--focal"))
+    bad = ((5, (96, 72), None, "cameras"), (4, (97, 72), None, "size"), (4, (96, 72), 1.0, "focal"))
     for count, size, focal, field in bad:
         with pytest.raises(InputError, match=field):
             corner_cameras(room, count, size, focal)

@@ -252,7 +252,7 @@ def test_cameras_must_match():
 def test_a_moving_body_is_followed():
     states = [pose() + t * np.r_[20.0, 0.0, 0.0, 0.02 * np.ones(25)] for t in range(6)]
     scene = with_truth(scene_of(*states), *states)
-    tree = track(scene, TrackSettings())
+    tree = track(scene, TrackSettings()).result
     assert "predictive" not in tree.children
     assert "Silhouettes of site 'silhouette' are a heuristic" in provenance(tree)["predictive checks"]
     error = np.linalg.norm(tree["summary"].dataset["markers_mean"].values - scene.markers, axis=-1)

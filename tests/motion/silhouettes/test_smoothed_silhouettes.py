@@ -52,12 +52,11 @@ def test_all_frames_at_once_are_the_frames_one_by_one(scene):
 
 
 def test_a_result_is_smoothed_with_its_scene_alone(scene):
-    result, settings = track(scene, FEW), SmoothSettings("backward-simulation")
-    with pytest.raises(InputError, match="their pictures are not in it.*--smooth METHOD"):
+    tracked, settings = track(scene, FEW), SmoothSettings("backward-simulation")
+    result = tracked.result
+    with pytest.raises(InputError, match="their pictures are not in it.*smooth='METHOD'"):
         smooth(result, settings)
-    with pytest.raises(InputError, match="scene: the scene has 2 frames from 0 on of left, right.*3 from 0 on"):
-        smooth(result, settings, scene.first_frames(2))
-    smoothed = smooth(result, settings, scene)
+    smoothed = smooth(tracked, settings)
     assert smoothed["posterior"].sizes["frame"] == FRAMES
     assert np.isfinite(smoothed["summary"].dataset["markers_mean"].values).all()
     # nothing comes after the last frame: its draws are the filter's, chosen anew

@@ -18,6 +18,7 @@ from poseppl.motion.io import read_calibration
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints
+from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, problem_of_result, smooth, track
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, at_mean_stature, stature_draws
 from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
@@ -36,7 +37,7 @@ FRAMES = 4
 def _scene(data_dir: Path, frames: str) -> KeypointScene:
     records = read_calibration(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml", "m")
     people = {"cam_03": read_openpose(data_dir / "pose2sim_balancing" / "pose" / "cam03_json")}
-    return scene_of_keypoints(people, records, rate=60, frames=frames)
+    return scene_of_keypoints(KeypointSettings(people, records, rate=60, frames=frames))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def found(data_dir: Path) -> KeypointScene:
 
 @pytest.fixture(scope="module")
 def filtered(found: KeypointScene) -> xr.DataTree:
-    return track(found.scene, TrackSettings(filter="kalman", walk="fixed", max_draws=500))
+    return track(found.scene, TrackSettings(filter="kalman", walk="fixed", max_draws=500)).result
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +73,7 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
     (of_walk,), (of_both,) = told_of_one_camera(filtered), told_of_one_camera(smoothed)
     assert "omit walk" in of_walk and "assumed-density" not in of_walk
     assert "omit walk" in of_both and "assumed-density" in of_both
-    usual = track(found.scene, TrackSettings(filter="kalman", max_draws=500))
+    usual = track(found.scene, TrackSettings(filter="kalman", max_draws=500)).result
     assert not told_of_one_camera(usual) and not told_of_one_camera(smooth(usual, SmoothSettings("assumed-density")))
     assert len(told_of_one_camera(smooth(usual, SmoothSettings("laplace")))) == 1
 
@@ -80,7 +81,7 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
 @pytest.mark.full
 def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
     """It is wider than frames differ by, as results of several cameras would be told."""
-    tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100))
+    tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100)).result
     several = tree.copy()
     several.attrs = {name: value for name, value in tree.attrs.items() if name != "layout"}
     wide = ("intervals are too wide; lower noise", "means jitter", "Underconfident")
@@ -175,6 +176,6 @@ def test_a_stature_that_is_given_is_exact(found: KeypointScene, smoothed: xr.Dat
 @pytest.mark.full
 def test_draws_of_the_mean_stature_come_back(found: KeypointScene, filtered: xr.DataTree) -> None:
     data = found.scene.data._replace(found={})
-    known = track(found.scene._replace(data=data), TrackSettings(filter="kalman", walk="fixed", max_draws=500))
+    known = track(found.scene._replace(data=data), TrackSettings(filter="kalman", walk="fixed", max_draws=500)).result
     np.testing.assert_allclose(flat_draws(at_mean_stature(filtered)).values, flat_draws(known).values, atol=0.01)
     assert at_mean_stature(known) is known

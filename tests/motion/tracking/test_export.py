@@ -95,7 +95,7 @@ def test_other_levels(tree: xr.DataTree, tmp_path: Path) -> None:
     draws = tree["posterior/markers"].values[0]
     lower = np.loadtxt(tmp_path / "half_lower.trc", skiprows=6)[:, 2]
     np.testing.assert_allclose(lower, np.quantile(draws[:, :, 0, 0], 0.2, axis=0), atol=1e-3)
-    with pytest.raises(InputError, match="--level: 1.5"):
+    with pytest.raises(InputError, match="level: 1.5"):
         export(tree, tmp_path, "half", level=1.5)
     with pytest.raises(InputError, match="'osim' .expected trc, mot, c3d, csv"):
         export(tree, tmp_path, "half", ("osim",))

@@ -77,7 +77,7 @@ def test_frames_of_other_motion_are_told(data_dir, learned):
     folder = data_dir / "cmu_amc"
     subject = recorded_subject(folder / "02_05.amc", folder / "02.asf", model=BODY, frames="300:540:6")
     punch = observe_motion(subject, cameras_around(subject), camera_names(1))
-    found = track(punch, TrackSettings(model=BODY, filter="switching", prior=str(learned)))
+    found = track(punch, TrackSettings(model=BODY, filter="switching", prior=str(learned))).result
     probability = found["summary/prior_mean"].values
     assert probability.shape == (40,) and probability[20:].max() < 0.5
     assert "explained" not in found["predictive"] and np.isfinite(found["predictive/innovation"].values).all()
@@ -90,7 +90,7 @@ def test_what_a_prior_is_not_for(data_dir, learned):
     for scene, words in (
         (
             scene_of(data_dir, "poseppl_models.bodies.choo_fleet:full_body"),
-            "--model: it was learned with the body poseppl_models.darby.marker_body",
+            "model: it was learned with the body poseppl_models.darby.marker_body",
         ),
         (scene_of(data_dir, frames="0:20:4"), "of 20 frames a second, the scene of 30"),
     ):
@@ -137,7 +137,7 @@ def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_
     assert compatible_filters(model) == ("rao-blackwellised",)  # where a frame's pictures are one for all particles
     errors = []
     for settings in ({"filter": "switching", "prior": str(learned_for_videos)}, {"filter": "kalman"}):
-        tree = track(seen, TrackSettings(model="poseppl_models.bodies.silhouettes:full_body", **settings))
+        tree = track(seen, TrackSettings(model="poseppl_models.bodies.silhouettes:full_body", **settings)).result
         apart = tree["summary/markers_mean"].values - tree["truth/markers"].values
         errors.append(np.linalg.norm(apart - apart[:, :1], axis=-1).mean())
     assert errors[0] < 50 and errors[1] > 2 * errors[0], errors

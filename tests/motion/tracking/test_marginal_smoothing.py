@@ -132,7 +132,7 @@ def _double(leaf: Any) -> Any:
 
 @pytest.mark.full
 def test_a_recording_is_smoothed_without_a_filter(scene: Scene[PointData]) -> None:
-    tree = smooth_recording(scene, TrackSettings(options={"num_draws": 60}, max_draws=20))
+    tree = smooth_recording(scene, TrackSettings(options={"num_draws": 60}, max_draws=20)).result
     assert tree["posterior"].sizes["draw"] == 20 and tree.attrs["num_particles"] == 60
     summary = tree["summary"].dataset
     names = list(scene.body.tree.marker_names)

@@ -64,7 +64,7 @@ def test_markers_of_known_parts_are_where_least_squares_has_them(name: str) -> N
 def test_learned_places_are_recorded_and_restored() -> None:
     scene = scene_of(ARM, "0:6")
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, markers="learned")
-    tree, expected = track(scene, settings), learn_markers(scene, scene.body.params).body.tree.marker_offsets
+    tree, expected = track(scene, settings).result, learn_markers(scene, scene.body.params).body.tree.marker_offsets
     np.testing.assert_allclose(tree["inputs/marker_offsets"], expected, rtol=1e-5)
     np.testing.assert_allclose(problem_of_result(tree).body.tree.marker_offsets, expected, rtol=1e-5)
     tree["inputs/marker_offsets"] = tree["inputs/marker_offsets"] * np.nan
@@ -87,7 +87,7 @@ def live_executables() -> int:
 
 def test_one_camera_and_an_unknown_word_are_refused() -> None:
     scene = scene_of(ARM, "0:2", cameras=1)
-    for word, problem in (("learned", "one camera does not tell"), ("learnt", "--markers")):
+    for word, problem in (("learned", "one camera does not tell"), ("learnt", "^markers: 'learnt'")):
         with pytest.raises(InputError, match=problem):
             track(scene, TrackSettings(ARM, "kalman", markers=word))
 
@@ -102,7 +102,7 @@ def test_people_whose_markers_are_learned_have_smaller_errors_and_intervals_that
     for seed in range(6):
         scene = scene_of(FULL, "0:60", seed)
         for column, markers in enumerate(("fixed", "learned")):
-            tree = track(scene, TrackSettings(FULL, "kalman", markers=markers, walk="learned", seed=seed))
+            tree = track(scene, TrackSettings(FULL, "kalman", markers=markers, walk="learned", seed=seed)).result
             found = tree["diagnostics"]
             errors[seed, column] = found["joint_error"].mean()
             shares[seed, column] = found["coverage_markers"].sel(level=0.9)

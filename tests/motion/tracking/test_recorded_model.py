@@ -13,6 +13,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import poseppl_models
 import pytest
@@ -22,7 +23,7 @@ from poseppl.cli import main
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, body_builder, load_builder
 from poseppl.motion.recordings.subjects import walking_subject
-from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track
+from poseppl.motion.tracking import SmoothSettings, Tracked, TrackSettings, observe_motion, smooth, track
 from poseppl.motion.tracking.placing import place_cameras
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.runs.results import save_result
@@ -49,10 +50,15 @@ def build(lengths=None):
 
 
 @pytest.fixture(scope="module")
-def result() -> Any:
+def tracked() -> Tracked:
     subject = walking_subject(ARM, frames="0:3")
     scene = observe_motion(subject, place_cameras(subject.markers[:, 0], 0.0), ("camera",))
     return track(scene, TrackSettings(ARM, "kalman", {"num_particles": 20}))
+
+
+@pytest.fixture(scope="module")
+def result(tracked: Tracked) -> Any:
+    return tracked.result
 
 
 def saying(result: Any, **attrs: Any) -> Any:
@@ -60,6 +66,26 @@ def saying(result: Any, **attrs: Any) -> Any:
     other = result.copy()
     other.attrs = {**result.attrs, **{name: json.dumps(value) for name, value in attrs.items()}}
     return other
+
+
+@pytest.mark.full
+def test_what_was_tracked_is_smoothed_as_its_result_is(tracked: Tracked) -> None:
+    """The problem at hand is the one that a result tells of, with six digits of the lengths, which are round numbers here."""
+    one, two = (smooth(each, SmoothSettings("rauch-tung-striebel")) for each in (tracked, tracked.result))
+    for name in ("unconstrained_posterior/state", "posterior/markers", "summary/state_sd"):
+        np.testing.assert_array_equal(one[name].to_numpy(), two[name].to_numpy())
+    with pytest.raises(InputError, match="prior: the result was tracked with a learned prior"):
+        smooth(tracked._replace(result=saying(tracked.result, prior="walk.nc")))
+
+
+@pytest.mark.full
+def test_first_frames_are_a_problem_of_their_own(tracked: Tracked) -> None:
+    first = tracked.problem.first_frames(2)
+    assert {len(leaf) for leaf in jax.tree.leaves(first.observations)} == {2}
+    whole, part = tracked.problem.record(slice(2)), first.record()
+    assert whole.keys() == part.keys() and part["step_scale"].shape[0] == 2
+    for name, values in part.items():
+        np.testing.assert_array_equal(values, whole[name])
 
 
 @pytest.mark.full
@@ -112,7 +138,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
     Path("own.py").write_text(OWN.format(mark=str(tmp_path / "ran")))
     source = poseppl.motion.bodies.body.source_of_model("own.py:build")
     tree = saying(result, **{"model": "own.py:build", "model source": source})
-    with pytest.raises(InputError, match=r"'own.py:build', which is none of the installed.*--model"):
+    with pytest.raises(InputError, match=r"'own.py:build', which is none of the installed.*model='BUILDER'"):
         recorded_model(tree)
     assert not Path("ran").exists()
     smoothed = smooth(tree, SmoothSettings("rauch-tung-striebel", model="own.py:build"))

@@ -88,7 +88,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
     again = scene_of_observations(tmp_path / "points.csv", records, frames="2:8:2", rate=30.0)
     np.testing.assert_array_equal(again.frames, [2, 4, 6])
     np.testing.assert_array_equal(again.data.points, scene.data.points[[2, 4, 6]])
-    tree = track(again, TrackSettings(filter="particle", options={"num_particles": 200}, max_draws=20))
+    tree = track(again, TrackSettings(filter="particle", options={"num_particles": 200}, max_draws=20)).result
     assert "truth" not in tree.children
     assert tree["posterior/markers"].shape == (1, 20, 3, 17, 3)
     np.testing.assert_array_equal(tree["posterior"]["frame"], [2, 4, 6])
@@ -98,7 +98,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
 def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     arm = walking_subject("poseppl_models.bodies.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
-    tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20))
+    tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20)).result
     assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.data.points[0].size)
     assert list(tree["unconstrained_posterior"]["state_dim"].values) == [
         "shoulder_r.Z",

@@ -23,7 +23,7 @@ def with_data(scene, **changes):
 
 
 def errors_of(scene, **settings):
-    tree = track(scene, TrackSettings(filter="kalman", options={"num_particles": 100}, max_draws=50, **settings))
+    tree = track(scene, TrackSettings(filter="kalman", options={"num_particles": 100}, max_draws=50, **settings)).result
     return [verdict.text for verdict in verdicts(tree) if verdict.severity == "error"]
 
 
