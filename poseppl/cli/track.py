@@ -131,8 +131,8 @@ track_options = option_group(
         metavar="METHOD",
         cls=type("OfMethod", (Grouped,), {"section": "Method"}),
         help="Smooth the result, too, each frame given all, by a method of poseppl smoothers; or none. Results of videos have "
-        "no pictures and can be smoothed here alone. [default: laplace for keypoints, in place of a filter; assumed-density for "
-        "those of one camera; otherwise none]",
+        "no pictures and can be smoothed here alone. [default: laplace for keypoints, in place of a filter; assumed-density "
+        "for those of one camera; otherwise none]",
     ),
     *options_of(TrackSettings, *OF_TRACK[1:], section="Method"),
 )
@@ -241,8 +241,7 @@ def keypoints(**given: Any) -> None:
     """Track a person in a detector's keypoints.
 
     CAMERA=FILE is a camera of the calibration and its keypoints: a file, or a folder of one file a frame. Frames of the same
-    number are of one time, unless an offset is found. The result is smoothed by default,
-    that of several cameras without a filter.
+    number are of one time, unless an offset is found. The result is smoothed by default, and of several cameras no filter runs.
     """
     _track(made(KeypointSettings, given | {"files": words_of_files(given["files"])}), given)
 
