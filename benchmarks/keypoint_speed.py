@@ -3,9 +3,10 @@
     POSEPPL_DATA=FOLDER python -m benchmarks.keypoint_speed [--quick] [--repetitions 3] [--output keypoint-speed]
 
 The man on a beam of pose2sim_balancing, 100 frames of 25 points of OpenPose in four cameras. Reading the files, finding the
-person and his sizes; the default filter, and the Kalman filter; the default smoother, of errors that last, after either, and
-that of Rauch, Tung and Striebel, of independent errors. Errors are distances of joints from the triangulation by all four
-cameras. Nothing is taken from the compile cache; seconds are of the clock, the median of those after the first.
+person and his sizes; the default, a smoother of errors that last without a filter; filters, and smoothers after them: that of
+errors that last, and that of Rauch, Tung and Striebel, of independent errors. Errors are distances of joints from the
+triangulation by all four cameras. Nothing is taken from the compile cache; seconds are of the clock, the median of those after
+the first.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show, without_compile_cache, write_table
 from poseppl.cli.console import start_jax
-from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, smooth_recording, track
 from studies.keypoints import places_of, scene_of
 
 NAME, FOLDER, CAMERAS = "keypoint_speed", "pose2sim_balancing", (1, 2, 3, 4)
@@ -28,11 +29,11 @@ _COLUMNS = ("part", "first_seconds", "seconds", "error", "error_95")
 _ABOUT = (
     "Seconds of each part; errors are distances of joints from the triangulation by all cameras, mm: median, 95th percentile."
 )
-DEFAULT, KALMAN = "filter, assumed density", "filter, Kalman"
-FILTERS = {DEFAULT: TrackSettings(), KALMAN: TrackSettings(filter="kalman")}
+STRAIGHT, ONLINE, KALMAN = "smoother without a filter", "filter, assumed density", "filter, Kalman"
+FILTERS = {ONLINE: TrackSettings(), KALMAN: TrackSettings(filter="kalman")}
 LASTING, INDEPENDENT = SmoothSettings("laplace", errors="lasting"), SmoothSettings("rauch-tung-striebel")
 SMOOTHERS = {
-    "smoother, autocorrelated errors": (DEFAULT, LASTING),
+    "smoother, autocorrelated errors": (ONLINE, LASTING),
     "the same after the Kalman filter": (KALMAN, LASTING),
     "smoother, Rauch-Tung-Striebel": (KALMAN, INDEPENDENT),
 }
@@ -65,6 +66,8 @@ def main() -> None:
     scene, *seconds = timed(lambda: scene_of(DATA / FOLDER, CAMERAS, f"0:{num_frames}"), repetitions)
     reference, trees = places_of(scene), {}
     rows: list[tuple[Any, ...]] = [("files to points of a person", *seconds, np.nan, np.nan)]
+    tree, *seconds = timed(lambda: smooth_recording(scene.scene).result, repetitions)
+    rows.append((STRAIGHT, *seconds, *errors(tree, reference)))
     for name, settings in FILTERS.items():
         trees[name], *seconds = timed(lambda settings=settings: track(scene.scene, settings).result, repetitions)  # type: ignore[misc]
         rows.append((name, *seconds, *errors(trees[name], reference)))

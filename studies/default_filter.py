@@ -24,7 +24,7 @@ from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion
 from poseppl.motion.tracking.metrics import measure_run
 from poseppl.motion.tracking.placing import camera_names, place_cameras
-from poseppl.motion.tracking.track import _result, walk_params
+from poseppl.motion.tracking.track import result_of_scene, walk_params
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.run import run_filter
@@ -57,7 +57,7 @@ class Contest:
             built, jax.random.key(seed), problem.observations, problem.inputs, num_frames=len(scene.frames), collect=collect
         )
         known = {"filter": filter, "settings": walk_params(scene.body, TrackSettings())}
-        tree = _result(scene, problem, run, known)
+        tree = result_of_scene(scene, problem, run, known)
         numbers = measure_run(diagnose(tree))
         assert numbers.joint_error is not None and numbers.coverage is not None
         return numbers.joint_error, numbers.coverage, len(scene.frames) / run.wall_seconds, numbers.failed

@@ -39,7 +39,7 @@ from poseppl.diagnostics.verdicts.predictive import prediction_of
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import TrackSettings, observe_motion, track
 from poseppl.motion.tracking.placing import camera_names, place_cameras
-from poseppl.motion.tracking.track import _result, walk_params
+from poseppl.motion.tracking.track import result_of_scene, walk_params
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.collectors import collect_draws
@@ -152,7 +152,9 @@ def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: 
     problem, (filter, _, predict) = shared_problem(scene, model), filter_of(name, model)
     key, count = jax.random.key(seed), len(scene.frames)
     run = run_filter(filter, key, problem.observations, problem.inputs, num_frames=count, collect=collect, predict=predict)
-    return _result(scene, problem, run, {"filter": METHODS[name][0], "settings": walk_params(scene.body, TrackSettings())})
+    return result_of_scene(
+        scene, problem, run, {"filter": METHODS[name][0], "settings": walk_params(scene.body, TrackSettings())}
+    )
 
 
 def simulated_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:

@@ -118,7 +118,7 @@ def summary(tree: Any) -> list[tuple[str, str]]:
     rows = [
         ("input", str(known["input"])),
         ("model", f"{known['model'].rpartition(':')[2]}, {sizes['state_dim']} coordinates"),
-        ("filter", str(known["filter"])),
+        ("filter", known.get("filter")),
         ("smoother", known.get("smoother")),
         ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),
         ("body's distance from the recording", shown(residual, "{:.1f} mm")),

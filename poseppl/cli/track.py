@@ -14,7 +14,7 @@ from poseppl.cli.remedies import BY_SET
 from poseppl.cli.settings import ManyFiles, check_algorithm, settings_option
 from poseppl.cli.track_dispatch import dispatched
 from poseppl.cli.track_live import track_live
-from poseppl.cli.track_run import Wanted, track_points, track_source
+from poseppl.cli.track_run import Wanted, goes_straight, track_points, track_source
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.recordings.settings import ObservationSettings, RecordingSettings
@@ -53,6 +53,9 @@ same name are replaced; inputs never are. Each appears whole or not at all; a re
 goes into another folder, and one of a run that cannot go on has the frames up to there.
 {STATUS}"""
 _SMOOTHED = """  poseppl-NAME-METHOD.nc, .png  the smoothed result, with --smooth
+"""
+_STRAIGHT = """  Several cameras' keypoints are smoothed without a filter: poseppl-NAME-laplace.nc is then the only
+                    result, unless --filter, --set of a filter, --checkpoint or --smooth ask for a filter
 """
 _EXPORTED = """  poseppl-NAME-METHOD.trc, .mot  joints and angles for OpenSim, as poseppl export writes them, with
                     _lower.trc and _upper.trc, the ends of intervals
@@ -128,8 +131,8 @@ track_options = option_group(
         metavar="METHOD",
         cls=type("OfMethod", (Grouped,), {"section": "Method"}),
         help="Smooth the result, too, each frame given all, by a method of poseppl smoothers; or none. Results of videos have "
-        "no pictures and can be smoothed here alone. [default: laplace for keypoints, assumed-density for those of one camera, "
-        "otherwise none]",
+        "no pictures and can be smoothed here alone. [default: laplace for keypoints, in place of a filter; assumed-density "
+        "for those of one camera; otherwise none]",
     ),
     *options_of(TrackSettings, *OF_TRACK[1:], section="Method"),
 )
@@ -232,13 +235,13 @@ def observations(**given: Any) -> None:
       --camera cam2:offset=3.5,size=960x540 --keep detections
       The second camera is 3.5 frames late, and its detector saw smaller pictures; left and right are the detector's.
 """,
-    written=_SMOOTHED + _EXPORTED,
+    written=_STRAIGHT + _SMOOTHED + _EXPORTED,
 )
 def keypoints(**given: Any) -> None:
     """Track a person in a detector's keypoints.
 
     CAMERA=FILE is a camera of the calibration and its keypoints: a file, or a folder of one file a frame. Frames of the same
-    number are of one time, unless an offset is found. The result is smoothed by default.
+    number are of one time, unless an offset is found. The result is smoothed by default, and of several cameras no filter runs.
     """
     _track(made(KeypointSettings, given | {"files": words_of_files(given["files"])}), given)
 
@@ -265,7 +268,7 @@ def live(**given: Any) -> None:
     if given["walk"] == "learned":
         raise click.UsageError("--walk learned needs the whole recording, and does not go with live")
     source = made(LiveSettings, given | {"files": words_of_files(given["files"])})
-    track_live(source, *_settings(given, "assumed-density"))
+    track_live(source, *_settings(source, given, "assumed-density"))
 
 
 @source_command(
@@ -314,14 +317,14 @@ def _track(source: Any, given: Mapping[str, Any]) -> None:
     if given["smooth"] not in (None, "none"):
         check_algorithm("smoother", given["smooth"])
     detected = isinstance(source, KeypointSettings | VideoSettings)
-    settings, wanted = _settings(given, "assumed-density" if detected else "kalman")
+    settings, wanted = _settings(source, given, "assumed-density" if detected else "kalman")
     if not settings.other_motion and settings.prior is None:
         raise click.UsageError("--set other_motion=false goes with --prior")
     track_source(source, settings, wanted)
 
 
-def _settings(given: Mapping[str, Any], usual: str) -> tuple[TrackSettings, Wanted]:
-    """How to track, with the usual filter where none is asked for, and what to write; files are checked.
+def _settings(source: Any, given: Mapping[str, Any], usual: str) -> tuple[TrackSettings, Wanted]:
+    """How to track, with the usual filter where one is needed and none is asked for, and what to write; files are checked.
 
     Raises:
         InputError: A setting or a file cannot be used.
@@ -333,7 +336,8 @@ def _settings(given: Mapping[str, Any], usual: str) -> tuple[TrackSettings, Want
         export=told.pop("export", EXPORT.default), **{name: given[name] for name in Wanted._fields if name in given}
     )
     settings = replace(made(TrackSettings, {**given, **told}), options=words)
-    settings = replace(settings, filter=settings.filter or ("switching" if settings.prior else usual))
-    check_algorithm("filter", str(settings.filter), settings.options)
+    if not goes_straight(source, settings, wanted):
+        settings = replace(settings, filter=settings.filter or ("switching" if settings.prior else usual))
+        check_algorithm("filter", str(settings.filter), settings.options)
     check_inputs()
     return settings, wanted

@@ -44,8 +44,8 @@ class Plan(NamedTuple):
     """Files of a track.
 
     Attributes:
-        target: The result's.
-        later: The smoothed result's; None if there is to be none.
+        target: The result's; that of the smoothed one where no filter runs.
+        later: The smoothed result's, beside a filter's; None if there is to be none.
         inputs: What is read, and never written over.
         exports: Whether files for other programs are written.
     """
@@ -74,6 +74,13 @@ class Written(NamedTuple):
     rows: list[tuple[str, Path]]
 
 
+def goes_straight(source: Settings, settings: TrackSettings, wanted: Wanted) -> bool:
+    """Whether a recording is smoothed without a filter: keypoints of several cameras, where nothing asks for a filter."""
+    several = isinstance(source, KeypointSettings) and len(source.files) > 1
+    of_filter = (settings.filter, settings.options, settings.prior, wanted.smooth, wanted.checkpoint, wanted.resume)
+    return several and settings.devices == 1 and not any(of_filter)
+
+
 def planned(source: Settings, settings: TrackSettings, wanted: Wanted) -> Plan:
     """The files of a track; results can be written, and none is an input.
 
@@ -86,6 +93,8 @@ def planned(source: Settings, settings: TrackSettings, wanted: Wanted) -> Plan:
     stem = stem_of(None if walk else words[0], getattr(source, "person", None))
     target, method = output_path(wanted.output, stem, ".nc"), smoothing_method(source, wanted)
     later = None if method is None else target.with_name(f"{target.stem}-{method}.nc")
+    if later is not None and goes_straight(source, settings, wanted):
+        target, later = later, None
     plan = Plan(target, later, [*words, *files_read(settings)], wanted.export and isinstance(source, PersonSettings))
     pictures = [path.with_suffix(".png") for path in plan.results]
     check_writable([*plan.results, *pictures, *plan.exported], plan.inputs)
@@ -147,11 +156,13 @@ def _tracked(
 ) -> tuple[Any, bool, str | None]:
     """What was tracked, whether several cameras saw it, and why it ends before its scene does, if it does."""
     from poseppl.motion.sources import scene_of, with_body
-    from poseppl.motion.tracking import TrackStopped, track
+    from poseppl.motion.tracking import TrackStopped, smooth_recording, track
     from poseppl.runs.algorithms import FILTERS
 
     source, settings = with_body(source, settings)
-    FILTERS[str(settings.filter)].check(settings.options)
+    straight = goes_straight(source, settings, wanted)
+    if not straight:
+        FILTERS[str(settings.filter)].check(settings.options)
     of_person = isinstance(source, RecordingSettings) and source.recording is not None
     progress.stage("fitting the body to the recording" if of_person else "reading")
     if videos is not None:
@@ -162,8 +173,11 @@ def _tracked(
     scene = scene_of(source, settings, progress.note, videos=videos, advance=progress.advance)
     if not wanted.checkpoint:
         tell_replaced(target, progress)
-    progress.stage("compiling", total=len(scene.frames))
     several = len(scene.camera_names) > 1
+    if straight:
+        progress.stage(f"smoothing {len(scene.frames)} frames")
+        return smooth_recording(scene, settings), several, None
+    progress.stage("compiling", total=len(scene.frames))
     try:
         tracked = track(scene, settings, progress=progress, checkpoint=wanted.checkpoint, resume=wanted.resume)
         return tracked, several, None

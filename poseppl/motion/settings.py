@@ -221,7 +221,7 @@ class TrackSettings(Settings):
     Attributes:
         model: Name of the body's builder, for the record; that of the default body if None.
         filter: Which filter; poseppl filters lists them. Default: kalman for markers, assumed-density for keypoints and
-            videos, switching with a prior.
+            videos, switching with a prior. Recorded keypoints of several cameras need none on the command line.
         options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
         sigma_position: Random walk of translations: standard deviation of a second's motion, mm; of a step, times the root of
             its time. Default: the body's, 82.

@@ -31,6 +31,7 @@ _COLUMNS = {
 
 _FRAMES, _RATE, _COMPILING = 100, 60.0, 15.0
 """Frames of the recording; frames a second and seconds of compilation that are asked for."""
+_STRAIGHT = "smoother without a filter"
 _DEFAULT_PARTS = ("filter, assumed density", DEFAULT)
 _FASTEST_PARTS = ("filter, Kalman", "smoother, Rauch-Tung-Striebel")
 
@@ -63,17 +64,21 @@ def _verdict(name: str, rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def speed(tables: Tables) -> str:
-    """Seconds by part, and which of the goals the default and the fastest pair of a filter and a smoother reach."""
+    """Seconds by part, and which of the goals the default and the fastest pair of a filter and a smoother reach.
+
+    In a table of a time before recordings were smoothed without a filter, the default is a pair, too.
+    """
     rows = {str(row["part"]): row for row in tables["keypoint_speed"].records()}
     columns = ("part", "first run, s", "later run, s", "error, mm", "95th percentile")
     numbers = ("first_seconds", "seconds", "error", "error_95")
     cells = [[part, *("" if math.isnan(row[name]) else f"{row[name]:.1f}" for name in numbers)] for part, row in rows.items()]
     told = []
-    for name, parts in (("default", _DEFAULT_PARTS), ("fastest", _FASTEST_PARTS)):
+    default = ("default smoother", (_STRAIGHT,)) if _STRAIGHT in rows else ("default filter and smoother", _DEFAULT_PARTS)
+    for name, parts in (default, ("fastest filter and smoother", _FASTEST_PARTS)):
         first, later = (sum(rows[part][column] for part in parts) for column in ("first_seconds", "seconds"))
         rate, compiling = _FRAMES / later, first - later
         told.append(
-            f"- The {name} filter and smoother, {_RATE:.0f} frames a second: {_holds(rate >= _RATE)} ({rate:.1f}); compiled in "
+            f"- The {name}, {_RATE:.0f} frames a second: {_holds(rate >= _RATE)} ({rate:.1f}); compiled in "
             f"{_COMPILING:.0f} s: {_holds(compiling <= _COMPILING)} ({compiling:.0f} s)."
         )
     return "\n".join([markdown(columns, cells), "", *told])

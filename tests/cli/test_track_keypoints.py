@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from waiting import PATIENCE
 
 from poseppl.cli import main
 from poseppl.cli.files import stem_of
-from poseppl.cli.track_run import Wanted, planned
+from poseppl.cli.track_run import Wanted, goes_straight, planned
 from poseppl.motion.io import CameraRecord, open_video, write_cameras
 from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.trc import read_trc
@@ -54,6 +55,41 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
         assert list(found) == [f"cam_0{c}" for c in (1, 2, 3, 4)]
         assert max(camera["turned"] for camera in found.values()) > 0.5
         assert all(0 < camera["noise"] < 30 and camera["agreement"] == 1.0 for camera in found.values())
+
+
+@pytest.mark.full
+def test_nobody_needs_a_filter(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The smoothed result is the only one, and whatever reads results reads it."""
+    small = ["--frames", "0:12:3", "--max-draws", "50", "-o", "out.nc"]
+    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
+    assert re.search(r"smoother +│ +laplace", "".join(capsys.readouterr()))
+    assert sorted(path.name for path in Path().glob("*.nc")) == ["out-laplace.nc"]
+    known = provenance(load_result("out-laplace.nc"))
+    assert known["errors"] == "lasting" and "filter" not in known
+    assert main(["report", "out-laplace.nc", "-q"]) == 0 and Path("out-laplace.html").is_file()
+    assert read_trc("out-laplace.trc").positions.shape == (4, 17, 3)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "settings", "wanted", "expected"),
+    [
+        (2, {}, Wanted(), True),
+        (2, {"walk": "learned", "seed": 3, "max_draws": 9}, Wanted(export=False), True),
+        (1, {}, Wanted(), False),
+        (2, {"filter": "kalman"}, Wanted(), False),
+        (2, {"options": {"num_particles": "9"}}, Wanted(), False),
+        (2, {"prior": "walk.nc"}, Wanted(), False),
+        (2, {"devices": 2}, Wanted(), False),
+        (2, {}, Wanted(smooth="none"), False),
+        (2, {}, Wanted(smooth="trajectory"), False),
+        (2, {}, Wanted(checkpoint="run"), False),
+    ],
+)
+def test_who_asks_for_a_filter(cameras: int, settings: dict[str, Any], wanted: Wanted, expected: bool) -> None:
+    source = KeypointSettings({f"cam{number}": "pose" for number in range(cameras)}, "rig.toml")
+    assert goes_straight(source, TrackSettings(**settings), wanted) is expected
+    results = planned(source, TrackSettings(**settings), wanted._replace(output="a.nc")).results
+    assert (results == [Path("a-laplace.nc")]) is expected
 
 
 @pytest.mark.full

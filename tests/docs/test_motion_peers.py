@@ -22,7 +22,7 @@ def smallest(table: Table) -> int:
     for cameras in ("1-4", "2-4", "1-2-4"):
         rows = table.records(cameras=cameras)
         for name in motion_peers.MEASURES:
-            ours = [row[name] for row in rows if row["library"].startswith("poseppl") and row["method"] == motion_peers.DEFAULT]
+            ours = [row[name] for row in rows if row["library"].startswith("poseppl") and row["method"] in motion_peers.DEFAULT]
             number += ours[0] < min(row[name] for row in rows if not row["library"].startswith("poseppl"))
     return number
 

@@ -19,6 +19,7 @@ import scipy
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
+from poseppl.compilation import jit_lightly
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
 
@@ -79,7 +80,7 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
         moved = _moved(cameras, errors)
         turned = np.einsum("cij,tckj->tcki", _world_turns(cameras, moved), rays)
         places = nearest_points(np.asarray(moved.centre, np.float64), turned, weights)
-        projected = np.moveaxis(np.asarray(project(moved, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
+        projected = np.moveaxis(np.asarray(_project(moved, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
         off = (projected - seen) * np.sqrt(weights)[..., None] / noise
         # the root of a t density's -2 log is the residual of a sum of squares
         robust = np.sign(off) * np.sqrt((_FREEDOM + 1) * np.log1p(off**2 / _FREEDOM))
@@ -99,6 +100,9 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
     deviation = np.sqrt(np.diag(covariance)).reshape(count, 6)
     errors = found.x.reshape(count, 6) * scale
     return RefinedCameras(_moved(cameras, errors), errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:], covariance)
+
+
+_project = jit_lightly(project)
 
 
 def _moved(cameras: Cameras, errors: Floats) -> Cameras:

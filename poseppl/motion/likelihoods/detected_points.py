@@ -94,21 +94,26 @@ class DetectedPoints(dist.Normal):  # type: ignore[misc]
     def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of location / scale by ``state`` (C * K * 2, n), 0 where ``mask`` is false."""
         num_cameras, num_markers, _ = self.batch_shape
-        by_place = self._by_place()
+        by_place = self.by_place()
         parts = [
-            by_place @ _moves(self._tree(), self._pose),
+            by_place @ self.moves(),
             jnp.einsum("ckij,kl->ckilj", by_place, jnp.eye(num_markers)),
             jnp.einsum("ck,cknm->cknm", self.lasting, jnp.eye(self.loc.size).reshape(num_cameras, num_markers, 2, -1)),
         ]
         if self.per_length is not None:
-            parts.append(by_place @ self._stretches())
+            parts.append(by_place @ self.stretches())
         if self._camera_errors.size:
-            parts.append(jnp.einsum("ckij,cl->ckilj", self._by_camera(), jnp.eye(num_cameras)))
+            parts.append(jnp.einsum("ckij,cl->ckilj", self.by_camera(), jnp.eye(num_cameras)))
         rows = jnp.concatenate([part.reshape(*self.batch_shape, -1) for part in parts], -1) / self.scale[..., None]
         seen = rows if mask is None else jnp.where(mask[..., None], rows, 0.0)
         return seen.reshape(self.loc.size, -1)
 
-    def _by_place(self) -> Array:
+    def moves(self) -> Array:
+        """Derivatives (K, 3, d) of places by the pose."""
+        derivatives: Array = _moves(self._tree(), self._pose)
+        return derivatives
+
+    def by_place(self) -> Array:
         """Derivatives (C, K, 2, 3) of points by the places of their markers."""
 
         def slope(axis: Array) -> Array:
@@ -118,7 +123,7 @@ class DetectedPoints(dist.Normal):  # type: ignore[misc]
 
         return jax.vmap(slope, out_axes=-1)(jnp.eye(3))
 
-    def _by_camera(self) -> Array:
+    def by_camera(self) -> Array:
         """Derivatives (C, K, 2, 6) of points by the errors of their own camera."""
 
         def slope(axis: Array) -> Array:
@@ -128,7 +133,7 @@ class DetectedPoints(dist.Normal):  # type: ignore[misc]
 
         return jax.vmap(slope, out_axes=-1)(jnp.eye(6))
 
-    def _stretches(self) -> Array:
+    def stretches(self) -> Array:
         """Derivatives (K, 3, L) of places by lengths: about the root, places are linear in a tree's offsets."""
         at_origin = self._pose.at[:3].set(0.0)
         return jax.vmap(lambda tree: marker_positions(tree, at_origin), out_axes=-1)(self.per_length)

@@ -14,4 +14,5 @@ from poseppl.motion.tracking.problem import (
 )
 from poseppl.motion.tracking.scene import Scene as Scene
 from poseppl.motion.tracking.smooth import SmoothSettings as SmoothSettings, smooth as smooth
+from poseppl.motion.tracking.smoothed_recording import smooth_recording as smooth_recording
 from poseppl.motion.tracking.track import Tracked as Tracked, TrackStopped as TrackStopped, track as track

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from poseppl_models.bodies.detected_points import seen_by_detector
 
 from poseppl.arrays import Floats, Integers
@@ -49,6 +51,28 @@ def with_ar1_noise(
 ) -> Problem:
     """Give a problem of points errors that last, and markers that may be beside their joints.
 
+    Arguments and errors are those of :func:`ar1_inputs`.
+    """
+    inputs = ar1_inputs(problem, frames, rate, camera_covariance, lengths)
+    num_lengths, tree = 0 if lengths is None else len(lengths.per_place), problem.body.tree
+    seen: Any = seen_by_detector(
+        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
+    )
+    model = compile_once(seen.program, frame_inputs(inputs, 0))
+    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
+    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
+
+
+def ar1_inputs(
+    problem: Problem,
+    frames: Integers,
+    rate: float | None,
+    camera_covariance: Floats | None = None,
+    lengths: MeasuredLengths | None = None,
+    start: Floats | None = None,
+) -> BodyInputs:
+    """The inputs of a body's programs with errors that last.
+
     Args:
         problem: The problem.
         frames: Its frames' numbers (T,).
@@ -56,6 +80,7 @@ def with_ar1_noise(
         camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
             taken for exact.
         lengths: How the body's lengths were measured, if in the same points; None if they are exact.
+        start: Poses (T, d) from which the scales of velocities are learned; those of an extended Kalman smoother if None.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
@@ -64,7 +89,7 @@ def with_ar1_noise(
     if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
         raise InputError("errors that last are for points of a whole body", field=Argument("errors"), expected="independent")
     seconds = time_steps(frames, rate)
-    own, tree = with_velocities(problem, seconds), problem.body.tree
+    own = with_velocities(problem, seconds, start)
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     errors = LastingErrors(
@@ -76,15 +101,8 @@ def with_ar1_noise(
         per_length=None if lengths is None else Constant(lengths.offsets),
         camera_root=Constant(jnp.asarray(root, float)),
     )
-    own = _with_open_start(own, problem.body)
-    inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
-    num_lengths = 0 if lengths is None else len(lengths.per_place)
-    seen: Any = seen_by_detector(
-        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
-    )
-    model = compile_once(seen.program, frame_inputs(inputs, 0))
-    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
-    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
+    opened: BodyInputs = _with_open_start(own, problem.body)
+    return opened._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
 
 
 def _with_open_start(own: Any, body: Body) -> Any:
@@ -122,7 +140,17 @@ def with_no_errors(history: History, problem: Problem) -> History:
 
     Limbs are bent to the side to which people's are, for the smoother keeps to the mode that it starts in.
     """
-    body, particles = problem.body, jnp.asarray(history.particles)
-    beside = problem.model.dimension - particles.shape[-1]
-    poses = bent_as_at_rest(body.tree, jnp.asarray(body.rest, float), particles, jnp.asarray(history.log_weights))
-    return history._replace(particles=jnp.pad(poses, ((0, 0), (0, 0), (0, beside))))
+    beside = problem.model.dimension - jnp.shape(history.particles)[-1]
+    return history._replace(particles=jnp.pad(_bent(history, problem.body), ((0, 0), (0, 0), (0, beside))))
+
+
+def filtered_poses(history: History, problem: Problem) -> Floats:
+    """Mean poses (T, d) of a filter, with limbs bent to the side to which people's are."""
+    shares = jax.nn.softmax(jnp.asarray(history.log_weights), 1)
+    return np.asarray(jnp.einsum("tn,tnd->td", shares, _bent(history, problem.body)), np.float64)
+
+
+def _bent(history: History, body: Body) -> Array:
+    rest, particles = jnp.asarray(body.rest, float), jnp.asarray(history.particles)
+    bent: Array = bent_as_at_rest(body.tree, rest, particles, jnp.asarray(history.log_weights))
+    return bent

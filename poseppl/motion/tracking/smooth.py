@@ -9,25 +9,26 @@ import jax
 import numpy as np
 import xarray as xr
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics import diagnose
 from poseppl.errors import Argument, InputError, brief
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
-from poseppl.motion.tracking.lasting_errors import with_ar1_noise, with_no_errors
-from poseppl.motion.tracking.problem import Problem, body_inputs, problem_of_result
+from poseppl.motion.tracking.lasting_errors import ar1_inputs, filtered_poses, with_ar1_noise, with_no_errors
+from poseppl.motion.tracking.marginal_smoothing import NUM_DRAWS, smooth_marginally
+from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import Tracked, affordable_draws, versions
+from poseppl.motion.tracking.triangulated_start import triangulated_places
 from poseppl.runs.algorithms import SMOOTHERS
 from poseppl.runs.contents import HISTORY, frame_numbers, group_of
 from poseppl.runs.outcome import history_of_result, smoothed_result
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.results import provenance
-from poseppl.runs.smoothing import run_smoother
-from poseppl.smoothers.cut_laplace import cut_laplace_smoother
+from poseppl.runs.smoothing import SmoothingRun, run_smoother
 
 
 class SmoothSettings(NamedTuple):
@@ -89,14 +90,11 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
             field=Argument("errors"),
             expected="independent, or a result of two cameras or more",
         )
+    if lasting and settings.method == "laplace":
+        return _smoothed_marginally(tree, problem, settings)
     if lasting:
-        cut, measured = settings.method == "laplace", known.get("lengths measured") is True
-        cameras = _camera_covariance(known, problem) if cut else None
-        lengths = _measured_lengths(tree, problem, settings.model) if cut and measured else None
-        problem = with_ar1_noise(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras, lengths)
+        problem = with_ar1_noise(problem, frame_numbers(tree), tree.attrs.get("rate"))
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
-    if problem.num_static:
-        smoother = cut_laplace_smoother(problem.model, problem.num_static, **options)
     if lasting and smoother.requires_genealogy:
         raise InputError(
             f"{settings.method} follows the filter's particles, which have none",
@@ -114,30 +112,77 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
     )
-    attrs = {
-        "model": settings.model or known["model"],
-        "smoother": settings.method,
-        "smoother settings": options,
-        "errors": settings.errors,
-        "model of the filter": not lasting,
-        "smoother seed": settings.seed,
-        "versions": versions(),
-    }
-    result = with_flesh(smoothed_result(run, tree, attrs), problem)
+    result = with_flesh(smoothed_result(run, tree, _attributes(known, settings, options)), problem)
     if lasting or problem.pose is not None:  # the smoother's state is not that of the result
         return diagnose(result)
     checked = check_posterior(result, problem.model, jax.random.fold_in(key, 1), problem.inputs, data=problem.observations)
     return with_statures(diagnose(checked), problem.model)
 
 
-def _measured_lengths(tree: xr.DataTree, problem: Problem, model: str | None) -> MeasuredLengths:
-    """How the lengths of a result's body were measured in its points, which weigh as much as they are sure."""
-    noise = np.asarray(tree["inputs"].dataset["noise"].values)
+def _smoothed_marginally(tree: xr.DataTree, problem: Problem, settings: SmoothSettings) -> xr.DataTree:
+    """A result smoothed with the detector's errors that last, from the filter's poses."""
+    poses = filtered_poses(history_of_result(tree, jax.random.key(settings.seed)), problem)
+    frames, rate, known = frame_numbers(tree), tree.attrs.get("rate"), provenance(tree)
     points = np.asarray(tree["observed_data"].dataset["points"].values)
-    places = triangulate(
-        body_inputs(problem.inputs).cameras.value, points, np.broadcast_to((noise.min() / noise) ** 2, points.shape[:-1])
-    )
-    return MeasuredLengths(offsets_per_length(tree, model), lengths_per_place(problem.body, places))
+    points = np.where(np.asarray(tree["sample_stats"].dataset["failed"].values, bool)[:, None, None, None], np.nan, points)
+    offsets = offsets_per_length(tree, settings.model) if known.get("lengths measured") is True else None
+    run, options = smooth_points(problem, points, frames, rate, known, offsets, poses, settings)
+    return diagnose(with_flesh(smoothed_result(run, tree, _attributes(known, settings, options)), problem))
+
+
+def _attributes(known: Mapping[str, Any], settings: SmoothSettings, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Provenance of a smoothing."""
+    return {
+        "model": settings.model or known["model"],
+        "smoother": settings.method,
+        "smoother settings": options,
+        "errors": settings.errors,
+        "model of the filter": settings.errors != "lasting",
+        "smoother seed": settings.seed,
+        "versions": versions(),
+    }
+
+
+def smooth_points(
+    problem: Problem,
+    points: Floats,
+    frames: Integers,
+    rate: float | None,
+    known: Mapping[str, Any],
+    offsets: KinematicTree | None,
+    poses: Floats,
+    settings: SmoothSettings,
+) -> tuple[SmoothingRun, dict[str, Any]]:
+    """Smooth a body's points with errors that last, which are marginalised, by Laplace's approximation.
+
+    Args:
+        problem: The filter's problem.
+        points: (T, C, K, 2) image points, NaN where not seen.
+        frames: Their numbers (T,).
+        rate: Frames a second; 30 if None.
+        known: Provenance; ``camera covariance`` is what is not known of the cameras' poses.
+        offsets: How the tree's offsets change with each length, if lengths were measured in these points; None if exact.
+        poses: (T, d) to start from.
+        settings: How.
+
+    Returns:
+        The smoothing, and all settings of the smoother.
+
+    Raises:
+        InputError: As of :func:`~poseppl.motion.tracking.lasting_errors.ar1_inputs`, or a setting is out of range.
+    """
+    laplace = SMOOTHERS["laplace"]
+    given = {"num_draws": NUM_DRAWS, **settings.options}
+    laplace.check(given)
+    options = laplace.complete(given)
+    lengths = None if offsets is None else _measured_lengths(problem, points, offsets)
+    inputs = ar1_inputs(problem, frames, rate, _camera_covariance(known, problem), lengths, poses)
+    return smooth_marginally(inputs, points, poses, seed=settings.seed, max_draws=settings.max_draws, **options), options
+
+
+def _measured_lengths(problem: Problem, points: Floats, offsets: KinematicTree) -> MeasuredLengths:
+    """How the lengths of a body were measured in its points, which weigh as much as they are sure."""
+    return MeasuredLengths(offsets, lengths_per_place(problem.body, triangulated_places(problem, points)))
 
 
 def _camera_covariance(known: Mapping[str, Any], problem: Problem) -> Floats | None:

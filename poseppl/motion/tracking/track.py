@@ -32,6 +32,7 @@ from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.outcome import result_kwargs
 from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
+from poseppl.runs.smoothing import SmoothingRun
 
 _ROOM = 2**28
 """Bytes of the draws that are kept, unless told otherwise."""
@@ -43,7 +44,7 @@ class Tracked(NamedTuple):
 
     Attributes:
         problem: What was solved, which smoothers take as it is.
-        run: The filter's run; None where the result comes from a file.
+        run: The filter's run; None where the result comes from a file, or no filter ran.
         result: The result, with diagnostics.
     """
 
@@ -141,7 +142,7 @@ class Tracking(NamedTuple):
 
     def result(self, run: Run, **told: Any) -> xr.DataTree:
         """The result of a run of the scene, or of its first frames, with diagnostics."""
-        result = _result(self.scene, self.problem, run, {**self.record, **told})
+        result = result_of_scene(self.scene, self.problem, run, {**self.record, **told})
         return with_statures(diagnose(result), self.problem.model)
 
 
@@ -154,11 +155,11 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     name = settings.filter or usual_filter(scene, settings)
     walk, model = settings.walk or usual_walk(scene, settings), settings.model or DEFAULT_MODEL
     settings = replace(settings, model=model, walk=walk, filter=name)
-    _check(settings)
+    check_settings(settings)
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
         scene = learn_markers(scene, params)
-    problem = _problem(scene, settings, params)
+    problem = problem_of_settings(scene, settings, params)
     built, options = FILTERS[name].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
@@ -198,7 +199,12 @@ def usual_walk(scene: Scene[SceneData], settings: TrackSettings) -> Walk:
     return "mean-reverting" if alone and scene.body.postures and scales == (None,) * 3 else "fixed"
 
 
-def _check(settings: TrackSettings) -> None:
+def check_settings(settings: TrackSettings) -> None:
+    """Refuse settings that do not go together.
+
+    Raises:
+        InputError: Two of them do not.
+    """
     if settings.prior is not None and settings.markers == "learned":
         expected = Phrase("no ", Argument("markers", "learned"), " with it")
         raise InputError("the body is the prior's own", field=Argument("prior"), expected=expected)
@@ -210,7 +216,7 @@ def _check(settings: TrackSettings) -> None:
         raise InputError("the random walk is the prior's own", field=Argument("prior"), expected=expected)
 
 
-def _problem(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
+def problem_of_settings(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
     """The scene's problem, with the walk or the prior that is asked for."""
     problem = make_problem(scene, params, mean_reverting=settings.walk == "mean-reverting")
     if settings.prior is not None:
@@ -262,9 +268,13 @@ def affordable_draws(problem: Problem, chains: int) -> int:
     return int(max(2, min(draws, 1000)))
 
 
-def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
-    count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
+def result_of_scene(
+    scene: Scene[SceneData], problem: Problem, run: Run | SmoothingRun, attrs: Mapping[str, Any]
+) -> xr.DataTree:
+    """The result of a run of a scene, or of its first frames, or of its smoothing, without diagnostics."""
+    count = len(run.info.ess)  # a run that stopped has fewer frames than its scene
     scene, parts = scene.first_frames(count), result_kwargs(run)
+    parts["sample_stats"].setdefault("failed", np.zeros(count, bool))  # a smoothing without a filter has no such frames
     parts["sample_stats"] |= scene.data.quality(scene, parts["summary"]["state_mean"])
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)

@@ -44,12 +44,13 @@ Units = tuple[Array, Array, Array]
 """What a frame keeps of velocities, how far it goes along each, and the ways' standard deviation; as of ``velocity_steps``."""
 
 
-def with_velocities(problem: Problem, seconds: Floats) -> Any:
+def with_velocities(problem: Problem, seconds: Floats, start: Floats | None = None) -> Any:
     """The inputs of a problem's body, with the velocities that its data are most likely under.
 
     Args:
         problem: The problem, with the body's own steps.
         seconds: To each frame from the one before (T,).
+        start: Poses (T, d) to start from, of all coordinates; those of an extended Kalman smoother if None.
 
     Raises:
         InputError: As of :func:`poseppl.motion.tracking.walk_learning.learn_walk`.
@@ -59,8 +60,9 @@ def with_velocities(problem: Problem, seconds: Floats) -> Any:
     speeds = jnp.asarray(own.step_scale[0] / np.sqrt(2 * VELOCITY_LASTS * seconds[0]), float)  # that go as far in a long time
     whole = jnp.ones_like(speeds)
     if len(seconds) > 1:
+        poses = None if start is None else jnp.asarray(start, float)
         units = tuple(jnp.asarray(each, float) for each in (kept, step, way))
-        whole = learned_scales(problem, lambda *known: _learn(*known[:3], speeds, units, *known[3:]))
+        whole = learned_scales(problem, lambda *known: _learn(*known[:3], speeds, units, *known[3:], poses))
     scale = speeds * whole
     velocities = Velocities(Constant(scale), jnp.asarray(kept, float), jnp.asarray(step, float))
     return own._replace(step_scale=jnp.asarray(way, float)[:, None] * scale, velocities=velocities)
@@ -75,6 +77,7 @@ def _learn(
     units: Units,
     observations: Observation,
     inputs: Any,
+    poses: Any,
 ) -> Array:
     """Scales (d,) of all coordinates in units of the speeds (d,); 1 where they are clamped."""
     kept, _, way = units
@@ -95,7 +98,7 @@ def _learn(
         fine = jnp.all(jnp.isfinite(new)) & jnp.all(jnp.isfinite(means))
         return jnp.where(fine, new, scales), jnp.where(fine, means[:, :d], trajectory)
 
-    start = smoothed_moments(model, observations, inputs).mean
+    start = smoothed_moments(model, observations, inputs).mean if poses is None else poses[:, jnp.asarray(free)]
     scales, _ = jax.lax.fori_loop(0, NUM_ROUNDS, update, (jnp.ones_like(members, own.dtype), start))
     return jnp.ones_like(speeds).at[jnp.asarray(free)].set(scales[group])
 

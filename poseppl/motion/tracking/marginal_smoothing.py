@@ -1,0 +1,192 @@
+"""Smoothing of a body's points whose autocorrelated errors are marginalised: poses, places and points, as a result keeps them.
+
+The Gaussian about the mode gives moments of the state without Monte Carlo error; those of places and points are of draws.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+from poseppl_models.bodies.random_walk import joint_sites
+from scipy.stats import norm
+from threadpoolctl import threadpool_limits
+
+from poseppl.arrays import Floats
+from poseppl.compilation import jit_lightly
+from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
+from poseppl.motion.likelihoods.detected_points import erring, resized
+from poseppl.motion.tracking.seen_body import FRAMES, SeenBody, seen_body
+from poseppl.runs.collectors import Draws
+from poseppl.runs.labels import QUANTILES
+from poseppl.runs.smoothing import SmoothingError, SmoothingRun
+from poseppl.smoothers.base import smoothing_info
+from poseppl.smoothers.marginal_errors import Around, Mode, find_mode, gaussian_around
+
+NUM_DRAWS = 200
+"""Trajectories that are drawn, unless told otherwise: moments of the state need none."""
+_NUMBERS = 2**26
+"""In the draws of a trajectory; a long recording has fewer draws."""
+_ROOM = 2**28
+"""Bytes of the draws that are kept, unless told otherwise."""
+_LEAST = 20
+"""Draws at least."""
+
+
+class _Drawn(NamedTuple):
+    """Draws of N trajectories in some frames: poses (T, N, d), shifts (T, N, K, 3), lengths (N, L), camera errors (N, E)."""
+
+    poses: Any
+    shifts: Any
+    lengths: Any
+    errors: Any
+
+
+def smooth_marginally(
+    inputs: Any, points: Floats, poses: Floats, *, seed: int, num_draws: int, max_draws: int | None, num_mode_steps: int = 100
+) -> SmoothingRun:
+    """Smooth.
+
+    Args:
+        inputs: Of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
+        points: (T, C, K, 2) image points, NaN where not seen.
+        poses: (T, d) to start from.
+        seed: Of the draws.
+        num_draws: Trajectories that are drawn; fewer if a recording is long.
+        max_draws: How many of them are kept; as many as fit into 256 MiB if None.
+        num_mode_steps: Gauss-Newton steps at most.
+
+    Raises:
+        SmoothingError: The smoothed states are not finite.
+    """
+    started, processor = time.perf_counter(), time.process_time()
+    body, rng = seen_body(inputs, points), np.random.default_rng(seed)
+    problem = body.problem()
+    num_draws = min(num_draws, max(_LEAST, _NUMBERS // problem.chains.own.size))
+    with threadpool_limits(limits=1, user_api="blas"):  # threads of small matrices wait for each other, and spin
+        mode = find_mode(problem, body.states(poses), most=num_mode_steps)
+        around = gaussian_around(problem, mode, rng, num_draws, body.unchanging(mode.x))
+    if not np.isfinite(around.variance).all() or not np.isfinite(around.steps).all():
+        raise SmoothingError("the smoothed states are not finite: the model breaks down")
+    outputs = jax.tree.map(np.asarray, _outputs(body, mode, around, rng, max_draws or _affordable_draws(body, len(poses))))
+    info = smoothing_info(len(poses), jnp.asarray(float(num_draws)), num_gradient=mode.num_steps * len(poses))
+    told = {"closed form": True, "joint": True}
+    seconds, spent = time.perf_counter() - started, time.process_time() - processor
+    return SmoothingRun(outputs, jax.tree.map(np.asarray, info), num_draws, 0.0, seconds, told, spent)
+
+
+def _affordable_draws(body: SeenBody, num_frames: int) -> int:
+    """How many draws fit into the room for them."""
+    markers, cameras = len(body.tree.marker_names), body.points.shape[1]
+    values = markers * (6 + 2 * cameras) + 3 * body.dimension + len(body.inputs.errors.length_root) + 6 * cameras
+    return int(max(2, _ROOM // (4 * values * num_frames)))
+
+
+def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generator, max_draws: int) -> Draws:
+    """What is kept of all frames, as a collector of draws keeps it."""
+    count, width, num_lengths = around.steps.shape[1], body.dimension, len(body.inputs.errors.length_root)
+    kept = np.unique(np.linspace(0, count - 1, min(max_draws, count)).astype(int))
+    lengths, errors = np.split(around.unchanging, [num_lengths], 1)
+    unseen = _unseen_shifts(body, len(mode.x), count, rng)
+    parts: list[tuple[dict[str, Any], ...]] = []
+    for rows in _blocks(len(mode.x)):
+        x = mode.x[rows, None] + around.steps[rows]
+        drawn = _Drawn(x[..., :width], body.shifts(x) + next(unseen), lengths, errors)
+        parts.append(_kept_of_block(body, drawn, x[..., width : 2 * width], kept))
+    extras, sites, summary = (
+        {name: jnp.asarray(np.concatenate([part[i][name] for part in parts])) for name in parts[0][i]} for i in range(3)
+    )
+    state = sites.pop("state")
+    spans = joint_sites(body.tree.coordinates)
+    sites = {**{name: state[..., span] for name, span in spans.items()}, **sites}
+    summary |= _exact_summary(body, mode, around, spans)
+    return Draws(state, sites, extras, summary)
+
+
+def _kept_of_block(body: SeenBody, drawn: _Drawn, velocities: Floats, kept: Any) -> tuple[dict[str, Any], ...]:
+    """Draws of extras and of sites that are kept of some frames, (T, 1, draws, ...), and moments of the extras."""
+    markers, points = _places_of(body, drawn)
+    extras, summary = {"markers": markers[:, None, kept], "points": points[:, None, kept]}, {}
+    for name, values in (("markers", markers), ("points", points)):
+        summary[f"{name}_mean"], summary[f"{name}_sd"] = values.mean(1), values.std(1)
+        summary[f"{name}_quantile"] = np.moveaxis(np.quantile(values, QUANTILES, axis=1), 0, 1).astype(np.float32)
+    sites = {"state": drawn.poses, "shift": drawn.shifts, "velocity": velocities}
+    told = {name: values[:, None, kept].astype(np.float32) for name, values in sites.items()}
+    for name, values in (("length", drawn.lengths), ("camera_error", drawn.errors)):
+        if values.shape[1]:
+            same = values[None, None, kept].astype(np.float32)
+            told[name] = np.broadcast_to(same, (len(markers), *same.shape[1:]))
+    return extras, told, summary
+
+
+def _exact_summary(body: SeenBody, mode: Mode, around: Around, spans: dict[str, slice]) -> dict[str, Any]:
+    """Means, standard deviations and quantiles of the state and its sites, by the Gaussian."""
+    width, errors = body.dimension, body.inputs.errors
+    spread = np.sqrt(around.variance)
+    shift, shift_spread = body.shifts(mode.x), body.shifts(spread)
+    unseen = np.ones(len(body.tree.marker_names), bool)
+    unseen[body.markers] = False
+    shift_spread[:, unseen] = float(errors.shift_scale)
+    moments = {
+        "state": (mode.x[:, :width], spread[:, :width]),
+        "shift": (shift, shift_spread),
+        "velocity": (mode.x[:, width : 2 * width], spread[:, width : 2 * width]),
+    }
+    moments |= {name: tuple(part[:, span] for part in moments["state"]) for name, span in spans.items()}  # type: ignore[misc]
+    for name, root in (("length", errors.length_root), ("camera_error", errors.camera_root)):
+        if len(root):
+            own = np.broadcast_to(np.linalg.norm(root, axis=1), (len(mode.x), len(root)))
+            moments[name] = (np.zeros_like(own), own)
+    told: dict[str, Any] = {}
+    levels = norm.ppf(QUANTILES)
+    for name, (mean, own) in moments.items():
+        each = mean[:, None] + levels.reshape(-1, *[1] * (mean.ndim - 1)) * own[:, None]
+        told |= {f"{name}_mean": mean, f"{name}_sd": own, f"{name}_quantile": each}
+    return {name: jnp.asarray(values, jnp.float32) for name, values in told.items()}
+
+
+def _unseen_shifts(body: SeenBody, num_frames: int, count: int, rng: np.random.Generator) -> Iterator[Floats]:
+    """By blocks of frames, places (T, N, K, 3) beside joints that nobody sees, by their prior; 0 of the others."""
+    unseen = np.setdiff1d(np.arange(len(body.tree.marker_names)), body.markers)
+    errors = body.inputs.errors
+    kept, now = np.asarray(errors.shift_kept, np.float64), np.zeros((count, len(unseen), 3))
+    left = np.concatenate([[0.0], kept[1:]])
+    for rows in _blocks(num_frames):
+        found = np.zeros((rows.stop - rows.start, count, len(body.tree.marker_names), 3))
+        for row, own in enumerate(left[rows]):
+            noise = float(errors.shift_scale) * np.sqrt(1 - own**2) * rng.standard_normal(now.shape)
+            found[row][:, unseen] = now = own * now + noise
+        yield found
+
+
+def _places_of(body: SeenBody, drawn: _Drawn) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Places (T, N, K, 3) of a block of frames, mm, and where the cameras see them (T, N, C, K, 2)."""
+    count = len(drawn.poses)
+    rows = np.minimum(np.arange(FRAMES), count - 1)
+    filled = drawn._replace(poses=drawn.poses[rows], shifts=drawn.shifts[rows])
+    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), (body.tree, body.cameras, filled))
+    per_length = body.inputs.errors.per_length
+    markers, points = _places(*single, per_length)
+    return np.asarray(markers)[:count], np.asarray(points)[:count]
+
+
+@jit_lightly
+def _places(tree: KinematicTree, cameras: Cameras, drawn: _Drawn, per_length: KinematicTree | None) -> tuple[Array, Array]:
+    def one(poses: Array, shifts: Array, lengths: Array, errors: Array) -> tuple[Array, Array]:
+        own = tree if per_length is None else resized(tree, per_length, lengths)
+        lens = erring(cameras, errors) if errors.size else cameras
+        places = jax.vmap(lambda pose: marker_positions(own, pose))(poses) + shifts
+        return places, jnp.moveaxis(project(lens, places), 0, 1)
+
+    markers, points = jax.vmap(one, (1, 1, 0, 0), 1)(*drawn)
+    return markers, points
+
+
+def _blocks(num_frames: int) -> Iterator[slice]:
+    return (slice(first, min(first + FRAMES, num_frames)) for first in range(0, num_frames, FRAMES))
