@@ -118,7 +118,7 @@ print(len(list(folder.rglob("*.json"))), "files")
 #
 # On the command line all that follows is
 #
-#     poseppl track --keypoints camera_1=pose/camera_1 camera_2=pose/camera_2 ... --calibration Calib.toml --rate 30
+#     poseppl track keypoints camera_1=pose/camera_1 camera_2=pose/camera_2 ... --calibration Calib.toml --rate 30
 #
 # Before it tracks, it reports on the cameras. The one that was touched is named, and its pose is corrected:
 

@@ -8,7 +8,7 @@ empty room (--videos); the start is sought in the silhouettes, being told which 
 published triangulation of all cameras (which is no truth: segments vary by centimetres): mean distance of 12 joints, mm, and
 the same after taking away the middle of the hips. Overlap is the intersection over union of the mean pose's silhouette with the
 published masks of the cameras that were not used (of all, where all were used), every tenth frame. With --result FILE.nc
-nothing is tracked: the figures are those of a `poseppl track --video` of as many frames. Runs differ in their seed; means over
+nothing is tracked: the figures are those of a `poseppl track videos` of as many frames. Runs differ in their seed; means over
 them, and the standard deviation of the error. The random walk is 15 mm and 0.15 radians a frame, at 60 Hz.
 """
 
@@ -143,7 +143,7 @@ def scene_of(records: list[CameraRecord], masks: Any, occlusion: Any, view: tupl
 
 
 def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> Scene[SilhouetteData]:
-    """What the videos of some cameras show, as `poseppl track --video` finds it."""
+    """What the videos of some cameras show, as `poseppl track videos` finds it."""
     named = [(records[camera].name, f"cam{camera + 1:02d}") for camera in view]
     videos = [f"{name}={folder / 'videos' / file}.mp4" for name, file in named]
     plates = [f"{name}={folder / 'silhouettes' / file}_background_half.png" for name, file in named]

@@ -3,7 +3,7 @@
     POSEPPL_DATA=FOLDER python -m studies.one_camera [--quick] [--output one-camera]
 
 The people and the errors of simulated_keypoints.py without clutter, two of the laboratory's cameras for each, one at a time.
-They are tracked as `poseppl track --keypoints` does with one camera: a body of the mean adult's lengths, draws of whose stature
+They are tracked as `poseppl track keypoints` does with one camera: a body of the mean adult's lengths, draws of whose stature
 are moved along the rays; noise by poseppl.motion.keypoints.single_camera ("beside"), and the body's own ("body"); steps of
 the walk as published, and mean-reverting ones; by the filter, by its own backward pass, and by Laplace's approximation. A row a
 recording, camera, noise, walk and method: median error of the joints, mm, how much farther from the camera than the truth they

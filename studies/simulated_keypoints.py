@@ -6,7 +6,7 @@
 People of cmu_walks and opensim_mocap walk in the middle of a laboratory's four cameras (h36m_cameras), or of two that stand 43
 degrees apart. What a detector finds there is drawn from the programs that the tracker has of it
 (studies/laboratory_rig.py): places beside the joints, 20 mm or none, errors that last, heavy tails, clutter, gaps, exchanged
-limbs, cameras that stand a little elsewhere than the calibration says. It is tracked as `poseppl track --keypoints ...
+limbs, cameras that stand a little elsewhere than the calibration says. It is tracked as `poseppl track keypoints ...
 --keep clocks` does: cameras mended, limbs put right, noise and segment lengths measured, then the filter of --filter and the
 smoother of lasting errors. Truth are the places that were projected, and the angles, as OpenSim has them, of the body that fits
 the recording. "aligned" is after one turn and shift of the whole recording, for the world is known as well as the cameras.

@@ -1,4 +1,4 @@
-"""poseppl: what `poseppl track --keypoints` does by default with several cameras, the smoother without a filter.
+"""poseppl: what `poseppl track keypoints` does by default with several cameras, the smoother without a filter.
 
 It reads the detector's files itself. Cameras are taken as they are, as for the others; segment lengths, noise and the right
 person it finds by itself.

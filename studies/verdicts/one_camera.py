@@ -14,7 +14,7 @@ Rows = list[Mapping[str, Any]]
 LEAST, MOST = 85.0, 95.0
 """Percent that 90 % intervals are to hold."""
 USUAL, BEFORE = ("beside", "mean-reverting", "assumed-density"), ("body", "fixed", "laplace")
-"""Noise, walk and method as ``poseppl track --keypoints`` has them of one camera, and as without them."""
+"""Noise, walk and method as ``poseppl track keypoints`` has them of one camera, and as without them."""
 _COLUMNS = ("noise", "walk", "method", "error, mm", "farther away than the truth, mm", "coverage of 50 % intervals, %", "90 %")
 _NUMBERS = (("error", 1.0), ("farther", 1.0), ("coverage_50", 100.0), ("coverage_90", 100.0))
 
