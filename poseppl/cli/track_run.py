@@ -74,11 +74,17 @@ class Written(NamedTuple):
     rows: list[tuple[str, Path]]
 
 
+_OF_A_FILTER = ("devices", "history_mib", "chunk", "on_failure")
+"""Settings that only a filter reads; it runs where one is not as usual."""
+
+
 def goes_straight(source: Settings, settings: TrackSettings, wanted: Wanted) -> bool:
     """Whether a recording is smoothed without a filter: keypoints of several cameras, where nothing asks for a filter."""
     several = isinstance(source, KeypointSettings) and len(source.files) > 1
     of_filter = (settings.filter, settings.options, settings.prior, wanted.smooth, wanted.checkpoint, wanted.resume)
-    return several and settings.devices == 1 and not any(of_filter)
+    usual = TrackSettings()
+    as_usual = all(getattr(settings, name) == getattr(usual, name) for name in _OF_A_FILTER)
+    return several and as_usual and not any(of_filter)
 
 
 def planned(source: Settings, settings: TrackSettings, wanted: Wanted) -> Plan:

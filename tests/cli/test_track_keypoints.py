@@ -80,6 +80,8 @@ def test_nobody_needs_a_filter(data_dir: Path, capsys: pytest.CaptureFixture[str
         (2, {"options": {"num_particles": "9"}}, Wanted(), False),
         (2, {"prior": "walk.nc"}, Wanted(), False),
         (2, {"devices": 2}, Wanted(), False),
+        (2, {"on_failure": "stop"}, Wanted(), False),
+        (2, {"history_mib": 9.0}, Wanted(), False),
         (2, {}, Wanted(smooth="none"), False),
         (2, {}, Wanted(smooth="trajectory"), False),
         (2, {}, Wanted(checkpoint="run"), False),
