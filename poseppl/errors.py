@@ -59,6 +59,12 @@ def brief(value: object) -> str:
     return cut(_REPR.repr(value), _MAX_VALUE)
 
 
+class _Word(str):
+    """A word that messages quote without quotation marks."""
+
+    __repr__ = str.__str__
+
+
 class Argument(NamedTuple):
     """An argument that a message names.
 
@@ -185,4 +191,4 @@ class SettingError(InputError):
     """
 
     def __init__(self, name: str, value: object, problem: str) -> None:
-        super().__init__(problem, field=Argument(name, "None" if value is None else value, setting=True))
+        super().__init__(problem, field=Argument(name, _Word("None") if value is None else value, setting=True))

@@ -73,7 +73,7 @@ CASES: list[tuple[str, dict[str, Any], str]] = [
     ("hmc", {"num_chains": 0}, "num_chains=0: expected at least 1"),
     ("hmc", {"num_chains": 2.0}, "num_chains=2.0: expected a whole number"),
     ("hmc", {"num_chains": True}, "num_chains=True: expected a whole number"),
-    ("hmc", {"num_chains": None}, "num_chains='None': expected a whole number"),
+    ("hmc", {"num_chains": None}, "num_chains=None: expected a whole number"),
     ("hmc", {"num_chains": 2**31}, "expected a whole number"),
     ("hmc", {"num_updates": 4, "num_warmup": "4"}, "num_warmup=4: expected 0 to num_updates - 1 = 3"),
     ("hmc", {"step_size": float("inf")}, "step_size=inf: expected a number"),
