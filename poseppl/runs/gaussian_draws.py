@@ -1,8 +1,8 @@
 """What a collector keeps of frames whose posterior is one Gaussian: its moments from the compiled program, the rest by NumPy.
 
-Where the model has no extras and its sites are the flat state itself, draws and summaries are formulas of a mean and a root of
-the covariance. NumPy has them sooner than XLA compiles a program for them (``python -m benchmarks.first_result``). The noise
-of frame t depends on the run's key and on t alone, so that draws do not depend on how the frames of a run are split.
+If the model has no extras and its sites are the flat state itself, draws and summaries are formulas of a mean and a root of
+the covariance. NumPy computes them, so that no program is compiled for them. The noise of frame t depends on the
+run's key and on t alone: draws do not depend on how the frames of a run are split.
 
 >>> whole, part = (standard_normals(np.array([1, 2]), start, number, (5, 3)) for start, number in ((0, 4), (2, 2)))
 >>> whole.shape, bool((whole[2:] == part).all())

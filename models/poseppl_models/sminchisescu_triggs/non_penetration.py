@@ -74,7 +74,7 @@ def non_penetration_residuals(names: Sequence[str], nearest: int = NEAREST) -> P
     """Write the cost as residuals, one for each pair that counts, whose squares add up to 2 f_pa.
 
     Args:
-        names: Names of the P parts; those that meet at a joint are told by them.
+        names: Names of the P parts; they identify parts that meet at a joint.
         nearest: Pairs that count, those that are closest to each other.
     """
     pairs = np.array(apart(names), int).reshape(-1, 2)
