@@ -14,8 +14,6 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
-from poseppl.declarations import declared
-
 BY_OPTION = {"--keypoints": "keypoints", "--video": "videos", "--observations": "observations"}
 """Sources of files that stand after an option; it may be left out."""
 _VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm")
@@ -50,6 +48,10 @@ def dispatched(words: Sequence[str], flags: Sequence[str] = ()) -> list[str]:
     return [source, *rest]
 
 
+_KEYPOINTS = (".json", ".jsonl", ".csv", ".tsv", ".h5", ".hdf5", ".slp", ".npz", ".npy", ".pkl", ".pickle", ".parquet")
+"""Endings of files that may be a detector's; any other single file is a recording, or none that is known."""
+
+
 def source_of_file(word: str) -> str:
     """The source of a file, or of CAMERA=FILE."""
     given, _, after = word.partition("=")
@@ -65,7 +67,7 @@ def source_of_file(word: str) -> str:
     if suffix == ".csv" and path.is_file():
         header = _header(path)[0]
         return "observations" if {"marker", "x", "y"} <= set(header) else "keypoints"
-    if of_camera or (path.is_file() and suffix not in declared("poseppl.motion.io.recording", "SUFFIXES")):
+    if of_camera or (path.is_file() and suffix in _KEYPOINTS):
         return "keypoints"
     return "recording"
 

@@ -17,7 +17,7 @@ from poseppl.cli.files import files_read
 from poseppl.cli.options import text_of
 from poseppl.cli.remedies import BY_SET, POSITIONAL, as_options
 from poseppl.cli.track import OF_TRACK, by_set, track
-from poseppl.cli.track_dispatch import dispatched
+from poseppl.cli.track_dispatch import dispatched, source_of_file
 from poseppl.errors import InputError
 from poseppl.motion import (
     KeypointSettings,
@@ -203,3 +203,8 @@ def test_no_option_is_named_outside_of_the_command_line() -> None:
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in texts:
                 found += [f"{path}:{node.lineno}"] if option.search(node.value) else []
     assert found == []
+
+
+def test_a_file_of_no_known_kind_is_no_detectors(tmp_path: Path) -> None:
+    (tmp_path / "notes.md").write_text("# Notes\n", encoding="utf-8")
+    assert source_of_file(str(tmp_path / "notes.md")) == "recording"
