@@ -1,9 +1,9 @@
-"""What a GPU is good for: wall seconds of work of many series or particles, and of one body, on whatever device JAX has.
+"""Benefit of a GPU: wall seconds of many series, many particles and one body, on JAX's device.
 
     python -m benchmarks.accelerator [--quick] [--repetitions 3] [--output accelerator]
 
-Run it once as it is and once with JAX_PLATFORMS=cpu in the same folder: rows of another device are kept. The median of runs
-after the first counts; the first, which compiles, stands beside it.
+Run it once with the accelerator and once with JAX_PLATFORMS=cpu in the same folder: rows of another device are kept. The table
+has the first run, which compiles, and the median of later ones.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Jobs = dict[str, Callable[[], Any]]
 
 
 def device() -> str:
-    """What JAX computes on."""
+    """JAX's device."""
     found = jax.devices()[0]
     return f"{len(os.sched_getaffinity(0))} cores" if found.platform == "cpu" else found.device_kind
 

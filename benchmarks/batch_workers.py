@@ -1,14 +1,13 @@
-"""How well `poseppl batch` uses its workers: one and two local processes, and a hundred workers of which each only waits.
+"""How well `poseppl batch` uses its workers: one and two local processes, and a hundred workers that only wait.
 
     python -m benchmarks.batch_workers [--quick] [--tables 12] [--frames 300] [--particles 20000] [--simulated 100] [--job 2]
 
-Local: TABLES tables (3 or more, or none: not at all) of FRAMES frames, a particle filter of PARTICLES; a first call
-compiles, and is not counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other
-work on the machine lowers it. Where it goes is told in processor seconds of all processes, from one table a worker and from
-all: those of a further table, and those of the start, which each process has of its own (libraries, tracing, reading what
-is compiled). Simulated: a Dask scheduler with SIMULATED workers in this process, 10 jobs for each, every one of JOB seconds
-in which it sleeps, and of a result as large as that of a table; the efficiency is the seconds of sleep over those that all
-workers had.
+Local: TABLES tables (3 or more; 0 leaves this part out) of FRAMES frames, a particle filter of PARTICLES. A first call
+compiles, and is not counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other work
+on the machine lowers it. The losses are shown in processor seconds of all processes, from one table a worker and from all:
+those of a further table, and those of each process's start (libraries, tracing, reading compiled programs). Simulated: a Dask
+scheduler with SIMULATED workers in this process, 10 jobs for each. A job sleeps for JOB seconds and returns a result of a
+table's size. The efficiency is the seconds of sleep over the seconds of all workers.
 """
 
 from __future__ import annotations
@@ -110,7 +109,7 @@ def _processor_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def told(folder: Path, tables: int, frames: int, particles: int) -> str:
+def shares(folder: Path, tables: int, frames: int, particles: int) -> str:
     """How well two workers are used, and what they do."""
     local(folder, 1, frames, particles, 1)
     seconds, parts = [], []
@@ -131,7 +130,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "model.py").write_text(MODEL)
-            print(told(folder, tables, frames, particles))
+            print(shares(folder, tables, frames, particles))
     number, seconds = (4, 0.2) if options.quick else (options.simulated, options.job)
     print(simulated(number, seconds))
 

@@ -1,4 +1,4 @@
-"""Evaluations a second of the bodytrack benchmark's likelihood, from every sample and from few, and what few samples cost.
+"""Evaluations a second of the bodytrack benchmark's likelihood, from every sample and from few, and the error of few samples.
 
     NPROC=1 taskset -c 0 python -m benchmarks.bodytrack [--quick] [--data FOLDER]                one core, one device
     XLA_FLAGS=--xla_force_host_platform_device_count=2 NPROC=1 python -m benchmarks.bodytrack    two, half the poses on each

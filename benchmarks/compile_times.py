@@ -1,14 +1,13 @@
-"""What each filter and smoother costs on the 28-DOF body: compilation, a run without it, and memory.
+"""Cost of each filter and smoother on the 28-DOF body: compilation, a run without it, and memory.
 
     python -m benchmarks.compile_times [--quick] [--frames 5] [--only switching] [--output compile-times]
 
 Two cameras see the built-in walk. Every algorithm of `poseppl filters` and `poseppl smoothers` runs at its defaults in a
-process of its own, without a compile cache, one process at a time; the largest memory is that of the process, to be compared
-with that of one which has only loaded the libraries ("none"). Compilation is by how many processor seconds a first run takes
-longer than an equal second one, which compiles nothing: tracing and compiling, whatever else the machine does. A run is `track`
-with its draws, quantiles and predictive checks, or `smooth` of a filter's result from a file. With a prior, the
-activity is learned from the walk itself. The filter of hidden Markov models has no body. Algorithms that OUTPUT holds are not
-run again, but for those of --only.
+process of its own, without a compile cache, one process at a time. The largest memory is that of the process; compare it with a
+process that only loaded the libraries ("none"). Compilation is the difference in processor seconds between a first run and an
+equal second one, and so includes tracing. A run is `track` with its draws, quantiles and predictive checks, or `smooth` of a
+filter's result from a file. With a prior, the activity is learned from the walk itself. The filter of hidden Markov models has
+no body. Algorithms in OUTPUT are reused, except those of --only.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from poseppl.runs.results import load_result, save_result
 NAME, PRIOR, NUM_CAMERAS = "compile_times", "walk.nc", 2
 _FILTER_OF = {"genealogy": "particle", "fixed-lag": "particle"}
 _NOISE = 0.05
-"""Of the poses that an activity is learned from, radians and mm; without it they are alike in each round of the walk."""
+"""Noise of the poses for learning an activity, radians and mm; without it they are alike in each round of the walk."""
 _COLUMNS = ("kind", "name", "settings", "compilation", "run", "memory")
 _ABOUT = "Processor seconds by which a first run takes longer than a second one, and of the second; largest memory, MiB."
 
@@ -53,9 +52,9 @@ class Case(NamedTuple):
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What tells it from others in the table."""
-        told = [f"{name}={value}" for name, value in self.options.items()]
-        return self.kind, self.name, ", ".join([*told, *(["prior"] if self.prior else [])])
+        """Its key in the table."""
+        words = [f"{name}={value}" for name, value in self.options.items()]
+        return self.kind, self.name, ", ".join([*words, *(["prior"] if self.prior else [])])
 
 
 def cases() -> Iterator[Case]:
@@ -120,7 +119,7 @@ def _twice(run: Callable[[], Any]) -> tuple[float, float, float]:
 
 
 def measured(case: Case, num_frames: int, folder: Path) -> tuple[float, ...]:
-    """What :func:`measure` finds in a process of its own."""
+    """Result of :func:`measure` in a process of its own."""
     prepare(case, num_frames, folder)
     context = multiprocessing.get_context("spawn")
     answer = context.Queue()

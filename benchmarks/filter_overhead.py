@@ -1,4 +1,4 @@
-"""What the NumPyro programs cost each filter: the same filter on the same model, its densities written by hand.
+"""Cost of the NumPyro programs in each filter: the same filter on the same model with densities written by hand.
 
     python -m benchmarks.filter_overhead [--quick]
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.filters [--quick] [--frames 25]
 
-Every filter runs over the same simulated sequence in one scan; beside its rate stand the seconds of its first call (tracing and
-compilation included) and the largest memory of a process that ran it alone. The bare kernel makes the HMC filter's updates on
-the posterior of one frame, with the same number of chains, updates and gradients, and nothing around it.
+Every filter runs over the same simulated sequence in one scan. Beside its rate are the seconds of its first call (with tracing
+and compilation) and the largest memory of a process that ran it alone. The bare kernel makes the HMC filter's updates on the
+posterior of one frame, with the same number of chains, updates and gradients, and nothing around it.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""How long the first result of a one-dimensional model takes, and what of it is compilation.
+"""How long the first result of a one-dimensional model takes, and how much of it is compilation.
 
     python -m benchmarks.first_result [--quick] [--frames 50] [--turns 3] [--levels] [--checks]
         [--output first-results]
 
-A random walk that is drawn to its mean, seen with noise. Processor seconds of a new process without a compile cache, after the
-imports (those that xarray makes for its first dataset, too): the model, a filter at its defaults (of particles 10,000) or of
-1,000 particles, and `infer`; `infer` with a second filter on the same model; and the first one's again, which compiles nothing.
-The least over turns, since other work on the machine only adds. With --checks all results have predictive checks. With --levels
-instead: a later run of 1,000 frames at each of LLVM's levels of optimisation.
+The model is a mean-reverting random walk seen with noise. Processor seconds of a new process without a compile cache, after the
+imports (including those of xarray's first dataset): the model, a filter at its defaults (10,000 particles) or of 1,000
+particles, and `infer`; `infer` with a second filter on the same model; and the first one again, which compiles nothing. The
+table has the least over turns, since other work on the machine only adds. --checks adds predictive checks to all results.
+--levels times a later run of 1,000 frames at each of LLVM's levels of optimisation instead.
 """
 
 from __future__ import annotations

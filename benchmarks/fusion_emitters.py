@@ -1,4 +1,4 @@
-"""What XLA's fusion emitters for the CPU cost in compilation, and what they save in a run, by filter.
+"""Compile time that XLA's fusion emitters for the CPU cost, and run time that they save, by filter.
 
     python -m benchmarks.fusion_emitters [--quick] [--frames 64] [--turns 3]
 
@@ -65,8 +65,8 @@ def main() -> None:
     frames, turns = (2, 1) if options.quick else (options.frames, options.turns)
     rows = []
     for name, settings in CASES:
-        told = ", ".join(f"{setting} = {value:,}" for setting, value in settings.items())
-        rows.append([f"{name} {told}".strip(), *in_turns(name, settings, frames, turns)])
+        listed = ", ".join(f"{setting} = {value:,}" for setting, value in settings.items())
+        rows.append([f"{name} {listed}".strip(), *in_turns(name, settings, frames, turns)])
         print(*rows[-1], sep="\t", flush=True)
     columns = ["filter", "compilation without", "with", "run without", "with"]
     show(f"Processor seconds, {frames} frames", columns, rows)

@@ -2,11 +2,11 @@
 
     POSEPPL_DATA=FOLDER python -m benchmarks.keypoint_speed [--quick] [--repetitions 3] [--output keypoint-speed]
 
-The man on a beam of pose2sim_balancing, 100 frames of 25 points of OpenPose in four cameras. Reading the files, finding the
-person and his sizes; the default, a smoother of errors that last without a filter; filters, and smoothers after them: that of
-errors that last, and that of Rauch, Tung and Striebel, of independent errors. Errors are distances of joints from the
-triangulation by all four cameras. Nothing is taken from the compile cache; seconds are of the clock, the median of those after
-the first.
+The man on a beam of pose2sim_balancing, 100 frames of 25 points of OpenPose in four cameras. The rows are reading the files,
+and finding the person and his sizes; the default, a smoother of autocorrelated errors without a filter; filters, and smoothers
+after them. These are the smoother of autocorrelated errors, and that of Rauch, Tung and Striebel, of independent errors. Errors
+are distances of joints from the triangulation by all four cameras. Nothing is taken from the compile cache; seconds are of the
+clock, the median of those after the first.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SMOOTHERS = {
 
 
 def timed(run: Callable[[], Any], repetitions: int) -> tuple[Any, float, float]:
-    """What a function returns, and the seconds of its first run and of later ones, by their median."""
+    """Run a function; return its value, and the seconds of its first run and of later ones, by their median."""
     seconds = []
     for _ in range(repetitions + 1):
         started = time.perf_counter()

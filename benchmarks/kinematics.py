@@ -4,7 +4,8 @@
 
 A likelihood is that of 17 markers of the 28-DOF body in one camera, float32. Gradients are those of a scan of leapfrog steps,
 as a tracker takes them. MuJoCo (`pip install mujoco`) does the kinematics alone, on one core, called from Python; MJX (`pip
-install mujoco-mjx`, asked for by --mjx, for it compiles a minute) the kinematics under vmap. What is not installed is left out.
+install mujoco-mjx`, asked for by --mjx, for it compiles a minute) the kinematics under vmap. Libraries that are not installed
+are left out.
 """
 
 from __future__ import annotations

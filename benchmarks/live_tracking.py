@@ -1,12 +1,12 @@
-"""What a frame takes live, as its files come, against the same frames in one go.
+"""Time of a live frame, from its files, against the same frames in one go.
 
     POSEPPL_DATA=FOLDER python -m benchmarks.live_tracking [--quick] [--frames 300] [--filters kalman,assumed-density]
 
-Folders of four cameras with OpenPose's files of pose2sim_balancing, played forwards and backwards for so many frames, are there
-from the start, so that the reader never waits. `poseppl track --live` takes its first second (60 frames) as one; of each of the
-others it reads the files, finds the person, filters, checks the prediction, summarises the draws, and writes the line of
-the table. In one go are the filter, the checks and the summaries alone. Milliseconds are of the processor, compilation is not
-counted; frames a second are by the clock, and other work on the machine lowers them. Both give the same numbers, or it fails.
+Folders of four cameras with OpenPose's files of pose2sim_balancing, played forwards and backwards, exist from the start, so
+that the reader never waits. `poseppl track live` takes its first second (60 frames) as one. For each later frame it reads the
+files, finds the person, filters, checks the prediction, summarises the draws, and writes a line of the table. The run in one go
+has only the filter, the checks and the summaries. Milliseconds are of the processor, without compilation; frames a second are
+by the clock, and other work on the machine lowers them. Different numbers are a failure.
 """
 
 from __future__ import annotations

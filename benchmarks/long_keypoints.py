@@ -2,11 +2,11 @@
 
     POSEPPL_DATA=FOLDER python -m benchmarks.long_keypoints [--quick] [--output long-keypoints]
 
-The built-in walk along a circle in the middle of four calibrated cameras (h36m_cameras) at 60 frames a second, seen by a
-detector of 25 points whose errors are drawn from the tracker's own programs (studies/laboratory_rig.py). Detections in memory
-become points of a person, and these a smoothed result. Each length runs in a process of its own, which has compiled nothing;
-memory is the largest that it had. Errors are distances of joints from the true ones. The goal is that 10,000 frames take less
-than 300 seconds and 4,096 MiB.
+The built-in walk goes along a circle in the middle of four calibrated cameras (h36m_cameras) at 60 frames a second. A detector
+of 25 points sees it, with errors drawn from the tracker's own programs (studies/laboratory_rig.py). Detections in memory become
+points of a person, and these a smoothed result. Each length runs in a process of its own, which has compiled nothing; memory is
+the largest that it had. Errors are distances of joints from the true ones. The goal is that 10,000 frames take less than 300
+seconds and 4,096 MiB.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, peak_memory, show, without_compile_cache, write_table
 from poseppl.cli.console import start_jax
+from poseppl.motion.keypoints.drawn_detections import detect
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.sources import Clocks
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import smooth_recording
-from studies.laboratory_rig import detect, rig_middle, rig_records
+from studies.laboratory_rig import rig_middle, rig_records
 
 NAME, LENGTHS, RATE, CIRCLE = "long_keypoints", (1000, 2500, 5000, 10_000), 60.0, 1200.0
 _COLUMNS = ("frames", "read_seconds", "read_processor", "seconds", "processor", "memory", "error", "error_95")
@@ -65,8 +66,8 @@ def main() -> None:
     rows: list[tuple[Any, ...]] = []
     for length in (120, 240) if options.quick else LENGTHS:
         command = [sys.executable, "-m", "benchmarks.long_keypoints", "--frames", str(length), "--output", str(options.output)]
-        told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        rows.append(tuple(json.loads(told.splitlines()[-1]).values()))
+        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        rows.append(tuple(json.loads(printed.splitlines()[-1]).values()))
     write_table(Table(NAME, _COLUMNS, rows, _ABOUT), options.output, "1", "h36m_cameras", "nothing from the compile cache")
     show("Recordings of four cameras", list(_COLUMNS), [[f"{value:,.1f}" for value in row] for row in rows])
 

@@ -1,10 +1,10 @@
-"""What do predictive checks cost a track? The built-in walk, with and without them, in turns.
+"""Cost of predictive checks in a track: the built-in walk, with and without them, in turns.
 
     python -m benchmarks.predictive_cost [--quick] [--filters assumed-density,kalman,particle] [--cameras 2]
         [--frames 60] [--runs 5]
 
-Seconds of compilation (without a cache) and of a run, by the clock and of the processor: medians over runs, of which the first,
-which compiles, is left out. `poseppl track` makes the checks wherever the likelihood predicts data.
+Seconds of compilation (without a cache) and of a run, by the clock and of the processor: medians over runs without the first,
+which compiles. `poseppl track` makes the checks wherever the likelihood predicts data.
 """
 
 from __future__ import annotations

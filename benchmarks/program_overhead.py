@@ -1,9 +1,10 @@
-"""What it costs to write a model as NumPyro programs: densities and gradients against the same ones by hand.
+"""Cost of writing a model as NumPyro programs: densities and gradients against the same ones by hand.
 
     python -m benchmarks.program_overhead [--quick]
 
-By hand means one array expression on the flat state. The likelihood is one site and the transition fourteen, one a joint, whose
-values are cut out of the flat state: what that costs shows at large N, where the hand's form is bound by memory alone.
+By hand means one array expression on the flat state. The likelihood is one site; the transition has fourteen sites, one a
+joint, which are slices of the flat state. The cost of slicing shows at large N, where the form by hand is limited by memory
+alone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the second recording of a session costs: people of other lengths share model, filter and compiled programs.
+"""Cost of a session's second recording: people of other lengths share model, filter and compiled programs.
 
     POSEPPL_DATA=FOLDER python -m benchmarks.second_recording [--frames 24]
 

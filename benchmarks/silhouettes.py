@@ -1,4 +1,4 @@
-"""What the likelihood of silhouettes costs: its value, its gradient and its curvature, with and without edges.
+"""Cost of the likelihood of silhouettes: its value, its gradient and its curvature, with and without edges.
 
     poseppl simulate --video --frames 0:2 --no-clutter -o room
     python -m benchmarks.silhouettes [--quick] [--scene room] [--states 64]
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def evaluations(seen: Any, number: int) -> dict[str, Any]:
-    """What is timed, by name: functions of no argument."""
+    """Functions without arguments that are timed, by name."""
     problem = make_problem(seen)
     model, inputs = problem.model, frame_inputs(problem.inputs, 0)
     observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)

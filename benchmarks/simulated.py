@@ -14,7 +14,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.runs.simulation import simulate
 
 SIGMA_POSITION, SIGMA_ANGLE = 7.5, 0.075
-"""Of a step, mm and radians."""
+"""Standard deviations of a step, mm and radians."""
 START_POSITION, START_ANGLE = 15.0, 0.15
 NOISE = 0.003
 

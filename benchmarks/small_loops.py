@@ -1,13 +1,13 @@
-"""What it saves, and costs, that XLA makes one function of each loop over few bytes.
+"""Cost and gain of compiling each loop over few bytes into one function of XLA.
 
     python -m benchmarks.small_loops [--quick] [--turns 3] [--frames 100] [--only particle]
 
-On a CPU each operation of a loop is a task of its own, but for loops over less than 1,024 bytes; the command line asks for one
-function up to `poseppl.small_loops.SMALL` bytes. An algorithm runs in a process of its own, without a compile cache,
-with and without this in turns, on the growth model or on the 28-DOF body in one camera (a third of the frames); smoothers get
-the filter's draws. Seconds are of the processor: those by which a first `infer` or `smooth` takes longer than the fastest of
-three later ones, and those of this one; the least over turns, since other work on the machine only adds. Then the largest
-difference of means between both, in standard deviations.
+On a CPU each operation of a loop is a task of its own, except in loops over less than 1,024 bytes. The command line asks for
+one function up to `poseppl.small_loops.SMALL` bytes. An algorithm runs in a process of its own, without a compile cache, with
+and without this in turns. The model is the growth model or the 28-DOF body in one camera (a third of the frames); smoothers get
+the filter's draws. Seconds are of the processor: the difference between a first `infer` or `smooth` and the fastest of three
+later ones, and the fastest. Each is the minimum over turns, since other work on the machine only adds. The last column is the
+largest difference of means, in standard deviations.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def main() -> None:
         if options.only not in ("", case[1]):
             continue
         of, name, settings = case
-        told = ", ".join(f"{setting} = {value:,}" for setting, value in settings.items())
-        rows.append([of, f"{name} {told}".strip(), *in_turns(case, frames, turns)])
+        listed = ", ".join(f"{setting} = {value:,}" for setting, value in settings.items())
+        rows.append([of, f"{name} {listed}".strip(), *in_turns(case, frames, turns)])
         print(*rows[-1], sep="\t", flush=True)
     columns = ["", "", "compilation without", "with", "run without", "with", "apart"]
     show(f"Processor seconds, {frames} frames", columns, rows)

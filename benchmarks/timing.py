@@ -62,7 +62,7 @@ def peak_memory() -> float:
 
 
 def write_table(table: Table, folder: Path, runs: str, recordings: str, note: str = "") -> None:
-    """Write a table as it is kept in studies/tables, with the command that ran, today's date and the versions."""
+    """Write a table in the form of studies/tables, with the command that ran, today's date and the versions."""
     known = ", ".join(f"{name} {version}" for name, version in versions().items())
     command = f"python -m {Path(sys.argv[0]).parent.name}.{Path(sys.argv[0]).stem}"
     made = Provenance(runs, recordings, datetime.now(UTC).date().isoformat(), known, command, note)

@@ -1,4 +1,4 @@
-"""Processor seconds of what the toolkit is measured by, each beside a rival in the same run.
+"""Processor seconds of the toolkit's typical work, each beside a rival in the same run.
 
     python -m benchmarks.toolkit_speed [--quick] [--repetitions 3] [--output toolkit-speed]
 
@@ -93,7 +93,7 @@ def growth_pairs(quick: bool) -> list[Pair]:
 
 
 def weighted_mean(rng_key: Any, state: Any, info: Any, inputs: Any) -> Any:
-    """What the scan by hand keeps, too."""
+    """Outputs that the scan by hand also keeps."""
     return jnp.exp(state.log_weights) @ state.particles[:, 0]
 
 

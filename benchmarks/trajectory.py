@@ -60,7 +60,7 @@ def build(num_frames: int) -> Problem:
 
 
 def compiled(function: Callable[..., Any], *given: Any) -> tuple[Any, float, float, float]:
-    """What a function returns, the seconds to compile it, and those to run it by the clock and by the processors."""
+    """Run a function; return its value, its seconds to compile, and those to run by the clock and by the processors."""
     started = time.perf_counter()
     ready = jax.jit(function).lower(*given).compile()
     between, busy = time.perf_counter(), time.process_time()

@@ -1,7 +1,7 @@
 """Counts of the code by package: files, lines, and tokens without docstrings and comments; ``python docs/counts.py``.
 
-``python docs/counts.py --since COMMIT`` counts for `poseppl` and `models` the tokens of a commit, and of today those in files
-that were there, renames followed, and in files that came since.
+``python docs/counts.py --since COMMIT`` counts the tokens of `poseppl` and `models` at a commit. It also counts today's tokens
+in files that existed then, under any name, and in new files.
 """
 
 from __future__ import annotations

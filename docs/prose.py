@@ -1,14 +1,18 @@
-"""Find prose that is hard to read: python docs/prose.py [FILE ...]; without files, the pages and notebooks of PAGES.
+"""Find prose that is hard to read: python docs/prose.py [FILE ...]; without files, that of PAGES and SOURCES.
 
-It reports words that have a plainer or a more usual one, sentences that do not begin with their subject, and sentences of more
-than 30 words, in prose that is no code and no table.
-The status is the number of findings, at most 100.
+Pages and notebooks are read as a whole, modules by their docstrings and comments. It reports words that have a plainer or a
+more usual one, sentences that do not begin with their subject, and sentences of more than 30 words. Code and tables are left
+out. The status is the number of findings, at most 100.
 """
 
 from __future__ import annotations
 
+import ast
+import inspect
+import io
 import re
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +23,8 @@ PAGES = (
     *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.py")),
 )
 """All pages but those of papers, which their own tables make, and all notebooks."""
+FOLDERS = ("poseppl", "models", "papers", "studies", "benchmarks", "docs")
+SOURCES = tuple(str(path.relative_to(ROOT)) for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py")))
 LONGEST = 30
 WORDS = {
     r"told|tells (?:of|the user)": "reported, warned, printed",
@@ -38,6 +44,9 @@ WORDS = {
 }
 FRONTED = re.compile(r"[*_ -]*(Of|What|Where|Who|Whoever) (?!.*\?[*_]*$)")
 """Sentences that begin with what should follow; questions may."""
+HEADING = re.compile(r"[A-Z]\w+:")
+ENTRY = re.compile(r"^(\w+(\.\w+)*|[a-z_*]+(, [a-z_*]+)+): ")
+"""An argument, attribute or exception in a docstring."""
 
 
 def markdown_of(script: str) -> str:
@@ -48,6 +57,35 @@ def markdown_of(script: str) -> str:
         is_text = "[markdown]" in line if is_cell else is_text
         lines.append(line[2:] if is_text and not is_cell else "")
     return "\n".join(lines)
+
+
+def prose_of(module: str) -> str:
+    """The docstrings and comments of a module, on the lines where they are; other lines are empty.
+
+    Entries of arguments and comments beside code become list items. Examples, formulas, tables and headings are left out.
+    """
+    lines = [""] * (module.count("\n") + 2)
+    for node in ast.walk(ast.parse(module)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            before, is_code = "text", False
+            for number, line in enumerate(inspect.cleandoc(node.value.value).splitlines(), start=node.lineno - 1):
+                begins = line.lstrip().startswith((">>>", "==")) or (line.startswith("    ") and not before)
+                before, is_code = line.strip(), bool(line.strip()) and (is_code or begins)
+                if not is_code and not HEADING.fullmatch(line):
+                    lines[number] = ENTRY.sub("* ", before)
+    for token in tokenize.generate_tokens(io.StringIO(module).readline):
+        if token.type == tokenize.COMMENT:
+            is_beside = token.line[: token.start[1]].strip()
+            lines[token.start[0] - 1] = ("* " if is_beside else "") + token.string.lstrip("# ")
+    return "\n".join(lines)
+
+
+def text_of(name: str) -> str:
+    """The text of a file that people read."""
+    content = (ROOT / name).read_text(encoding="utf-8")
+    if not name.endswith(".py"):
+        return content
+    return markdown_of(content) if name.startswith("notebooks/") else prose_of(content)
 
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
@@ -85,9 +123,8 @@ def findings(text: str) -> Iterator[tuple[int, str]]:
 def main() -> int:
     """Print the findings of the files that are named."""
     count = 0
-    for name in sys.argv[1:] or PAGES:
-        text = (ROOT / name).read_text(encoding="utf-8")
-        for number, problem in findings(markdown_of(text) if name.endswith(".py") else text):
+    for name in sys.argv[1:] or (*PAGES, *SOURCES):
+        for number, problem in findings(text_of(name)):
             print(f"{name}:{number}: {problem}")
             count += 1
     return min(count, 100)

@@ -35,10 +35,11 @@ import poseppl
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import project
 from poseppl.motion.recordings.subjects import walking_subject
+from poseppl.motion.report import plot_error, plot_overlay, plot_pose3d
 from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, track
 from poseppl.motion.tracking.placing import place_cameras
 from poseppl.particles.resampling import systematic
-from poseppl.report import new_picture, plot_error, plot_overlay, plot_pose3d
+from poseppl.report import new_picture
 
 # the same program is asked for twice below, on other data: keep what was compiled
 if jax.config.jax_compilation_cache_dir is None:

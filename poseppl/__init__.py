@@ -57,10 +57,12 @@ if TYPE_CHECKING:
         tempered_filter as tempered_filter,
     )
     from poseppl.filters.scan import Scan as Scan, scan_filter as scan_filter
+    from poseppl.fitting import findings_of_fit as findings_of_fit, fit as fit, load_fit as load_fit
     from poseppl.kernels import HMCSettings as HMCSettings
     from poseppl.program import (
         Clamped as Clamped,
         CompiledModel as CompiledModel,
+        Diffuse as Diffuse,
         Observation as Observation,
         StateSpaceModel as StateSpaceModel,
         clamp as clamp,
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
     from poseppl.runs.batch import infer_batch as infer_batch, one_series as one_series
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
+    from poseppl.runs.fitted_params import fitted_params as fitted_params
     from poseppl.runs.forecasting import forecast as forecast, hindcast as hindcast
     from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.log_likelihood import log_likelihood as log_likelihood
@@ -115,6 +118,10 @@ _HOMES = {
     "tempered_filter": "filters",
     "Scan": "filters.scan",
     "scan_filter": "filters.scan",
+    "findings_of_fit": "fitting",
+    "fit": "fitting",
+    "load_fit": "fitting",
+    "fitted_params": "runs.fitted_params",
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
     "forecast": "runs.forecasting",
@@ -126,6 +133,7 @@ _HOMES = {
     "smooth": "runs.infer",
     "Clamped": "program",
     "CompiledModel": "program",
+    "Diffuse": "program",
     "Observation": "program",
     "StateSpaceModel": "program",
     "clamp": "program",

@@ -43,7 +43,7 @@ _LEVEL = "xla_backend_optimization_level"
 
 def double_precision(wanted: bool = True) -> AbstractContextManager[Any]:
     """64-bit JAX arrays inside a block, or 32-bit ones, whatever the global setting; a block is of one thread."""
-    namespace: Any = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")  # the latter before JAX 0.8
+    namespace: Any = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")  # jax.experimental before JAX 0.8
     block: AbstractContextManager[Any] = namespace.enable_x64(wanted)
     return block
 
@@ -92,6 +92,28 @@ def compile_smoother(lowered: Any, num_particles: int, num_numbers: int, closed_
 def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:
     """The program of `jit(...).lower(...)` that runs once a sequence."""
     return _compiled(lowered, _emitters(num_particles, MAX_PARTICLES) | {_LEVEL: 0 if num_numbers <= MAX_NUMBERS else 1})
+
+
+def jit_formula(function: Callable[..., Any], *, runs_once: bool = False) -> jax.stages.Wrapped:
+    """`jit` of a function without particles, which no other program calls: few numbers, or large products of matrices.
+
+    It is compiled without the emitters, with LLVM's first level of optimisation; with none where it runs once.
+    """
+    options = _WITHOUT_EMITTERS | {_LEVEL: int(not runs_once)} if _knows_options() else {}
+    return jit(function, compiler_options=_admitted(options))
+
+
+@functools.cache
+def _knows_options() -> bool:
+    """Whether programs are compiled for a CPU, by a version of XLA that knows the options."""
+    if jax.default_backend() != "cpu":
+        return False
+    options: Any = _WITHOUT_EMITTERS | {_LEVEL: 1}
+    try:
+        jit(lambda x: x).lower(0.0).compile(compiler_options=options)
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 def _emitters(num_particles: int, most: int) -> dict[str, Any]:

@@ -23,8 +23,17 @@ _OURS = ("poseppl", "poseppl_papers")
 _READ = ("typing", "collections", "functools")
 
 
-class Foreign:
-    """Stands for a class that is not made."""
+class _Attributes(type):
+    """The attributes of a foreign name are foreign, too."""
+
+    def __getattr__(cls, name: str) -> type[Foreign]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return Foreign
+
+
+class Foreign(metaclass=_Attributes):
+    """Stands for a class or a module that is not made."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """Take any arguments."""

@@ -2,8 +2,8 @@
 
 Messages name arguments as data, so that Python shows an argument and the command line its option:
 
->>> told = Phrase("the clock is late (", Argument("offset"), " sets it)")
->>> told, worded(told, lambda argument: f"--{argument.name}")
+>>> message = Phrase("the clock is late (", Argument("offset"), " sets it)")
+>>> message, worded(message, lambda argument: f"--{argument.name}")
 ('the clock is late (offset sets it)', 'the clock is late (--offset sets it)')
 """
 

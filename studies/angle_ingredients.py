@@ -3,10 +3,10 @@
     POSEPPL_DATA=FOLDER python -m studies.angle_ingredients [--quick] [--cameras 4] [--cases ...] [--recordings ...]
         [--output angle-ingredients]
 
-People of simulated_keypoints.py without clutter and exchanged limbs, smoothed from the truth on, so that neither a filter nor a
-search has a part in it. In turn lengths are measured in the points or those of the person, and cameras are off and mended or
-exact; noise is that of the points. Errors and deviations, degrees, are medians over frames; all are means over the angles that
-keypoints tell. Runs that the table in OUTPUT holds are not made again.
+People of simulated_keypoints.py without clutter and exchanged limbs are smoothed with the truth as start, so that neither a
+filter nor a search has an influence. Lengths are measured in the points or those of the person, and cameras are refined or
+exact; noise is that of the points. Errors and deviations, degrees, are medians over frames, then means over the angles that
+keypoints determine. Runs in the table in OUTPUT are not made again.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates,
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.keypoints.camera_refinement import bundle_adjust
+from poseppl.motion.keypoints.drawn_detections import CALIBRATION, detect
 from poseppl.motion.keypoints.scene import noise_of_points, with_markers
 from poseppl.motion.keypoints.sources import points_of
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
@@ -44,7 +45,7 @@ from poseppl.smoothers.base import History
 from poseppl.smoothers.cut_laplace import cut_laplace_smoother
 from poseppl.smoothers.laplace import laplace_smoother
 from studies.kept_runs import keep_run, read_runs
-from studies.laboratory_rig import CALIBRATION, RIG, detect, rig_records
+from studies.laboratory_rig import RIG, rig_records
 from studies.simulated_keypoints import LEVELS, OPENSIM, WALKS, ideal_deviations, recorded
 
 CASES: Mapping[str, tuple[bool, bool]] = {
@@ -95,15 +96,15 @@ def smoothed_poses(problem: Problem, states: Floats) -> Floats:
 
 
 def row(subject: MovingSubject, body: Body, draws: Floats) -> tuple[float, ...]:
-    """Median error and deviation, and shares in intervals, means over the angles that are told."""
+    """Median error and deviation, and shares in intervals, means over the angles that keypoints determine."""
     values = np.asarray(states_to_values(body, jnp.asarray(draws, float)), np.float64)
     truth = np.asarray(states_to_values(subject.body, jnp.asarray(subject.states, float)[None]), np.float64)[0]
     turning = np.array([each.unit == "degrees" for each in opensim_coordinates(body)])
     ideal = ideal_deviations(subject)
-    told = np.flatnonzero(turning & (ideal > 0.01) & (ideal <= TOLD))
+    informed = np.flatnonzero(turning & (ideal > 0.01) & (ideal <= TOLD))
     ends = tuple(end for level in LEVELS for end in ((1 - level) / 2, (1 + level) / 2))
-    mean, deviation, between = circular_summary(values[..., told], ends)
-    off = (truth[:, told] - mean + 180) % 360 - 180
+    mean, deviation, between = circular_summary(values[..., informed], ends)
+    off = (truth[:, informed] - mean + 180) % 360 - 180
     inside = [np.mean((off >= low - mean) & (off <= high - mean)) for low, high in (between[:2], between[2:])]
     return float(np.median(np.abs(off), 0).mean()), float(np.median(deviation, 0).mean()), *map(float, inside)
 

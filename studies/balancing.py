@@ -1,15 +1,16 @@
-"""A man on a beam, from silhouettes of four calibrated cameras alone, two of them, and one: error and overlap.
+"""A man on a beam, tracked in silhouettes of four, two and one calibrated cameras: error and overlap.
 
     POSEPPL_DATA=FOLDER python -m studies.balancing [--quick] [--frames 100] [--filters assumed-density,annealed]
         [--cameras 4,2,1] [--runs 1] [--videos]
 
-Recording: pose2sim_balancing. Masks are the published ones, at half resolution, or found in the videos with pictures of the
-empty room (--videos); the start is sought in the silhouettes, being told which camera he faces. Errors are against the
-published triangulation of all cameras (which is no truth: segments vary by centimetres): mean distance of 12 joints, mm, and
-the same after taking away the middle of the hips. Overlap is the intersection over union of the mean pose's silhouette with the
-published masks of the cameras that were not used (of all, where all were used), every tenth frame. With --result FILE.nc
-nothing is tracked: the figures are those of a `poseppl track videos` of as many frames. Runs differ in their seed; means over
-them, and the standard deviation of the error. The random walk is 15 mm and 0.15 radians a frame, at 60 Hz.
+Recording: pose2sim_balancing. Masks are the published ones at half resolution, or come from the videos and pictures of the
+empty room (--videos). The start is found in the silhouettes; the camera that he faces is given.
+
+Errors are against the published triangulation of all cameras, mm: the mean distance of 12 joints, and the same relative to the
+middle of the hips. The triangulation is no exact truth: its segments vary by centimetres. Overlap is the intersection over
+union of the mean pose's silhouette and the published masks, every tenth frame, in the cameras that were not used (in all, if
+all were used). --result FILE.nc reads a result of `poseppl track videos` instead of tracking. Runs differ in their seed: the
+table has means, and the standard deviation of the error. The random walk is 15 mm and 0.15 radians a frame, at 60 Hz.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from poseppl.motion.tracking.scene import Scene
 from poseppl.runs.results import load_result, provenance
 
 STATURE = 1730.0
-"""Of the man, mm: from the thighs and shanks of the triangulation."""
+"""Stature of the man, mm, from the thighs and shanks of the triangulation."""
 RATE = 60.0
 WALK = {"sigma_position": 15.0 * RATE**0.5, "sigma_angle": 0.15 * RATE**0.5}
 """15 mm and 0.15 radians a frame."""
@@ -104,7 +105,7 @@ def summed(name: tuple[str, str], rows: Sequence[tuple[Any, ...]]) -> list[str]:
 
 
 def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraRecord], masks: Any) -> tuple[Any, ...]:
-    """Of one result: filter, number of cameras, error, relative error, overlap, frames a second."""
+    """Row of one result: filter, number of cameras, error, relative error, overlap, frames a second."""
     summary, known = tree["summary"].dataset, provenance(tree)
     used = [str(name) for name in summary["camera"].values]
     error, relative = errors([str(name) for name in summary["marker"].values], summary["markers_mean"].values, reference)
@@ -136,14 +137,14 @@ def scene_of(records: list[CameraRecord], masks: Any, occlusion: Any, view: tupl
     standard = full_body().lengths
     body = full_body({name: value * STATURE / 1750.0 for name, value in standard.items()})
     chosen = [records[camera] for camera in view]
-    seen = silhouette_scene(
-        body, chosen, {record.name: masks[record.name] for record in chosen}, occlusion=occlusion, rate=RATE
-    )
+    nowhere = np.zeros((1, 1), np.uint8)
+    believed = {record.name: masks[record.name] * (occlusion.get(record.name, nowhere) == 0) for record in chosen}
+    seen = silhouette_scene(body, chosen, believed, occlusion=occlusion, rate=RATE)
     return seen._replace(data=seen.data._replace(facing=records[VIEWS[view]].name))
 
 
 def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> Scene[SilhouetteData]:
-    """What the videos of some cameras show, as `poseppl track videos` finds it."""
+    """Scene from the videos of some cameras, as `poseppl track videos` finds it."""
     named = [(records[camera].name, f"cam{camera + 1:02d}") for camera in view]
     videos = [f"{name}={folder / 'videos' / file}.mp4" for name, file in named]
     plates = [f"{name}={folder / 'silhouettes' / file}_background_half.png" for name, file in named]

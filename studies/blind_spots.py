@@ -1,10 +1,10 @@
-"""Over-confidence that predictions of the data do not show, by another filter on the same data.
+"""Overconfidence that predictions of the data do not show, found by another filter on the same data.
 
     python -m studies.blind_spots [--quick] [--models NAMES] [--filters NAMES] [--seeds 10] [--frames 60]
 
-Of runs of choosing.py: the share of the truth in 90 % intervals, and that of a particle filter's draws
-(poseppl.diagnostics.reference_coverage), means over seeds with their standard errors; runs in which predictions of the data are
-an error, and in which fewer than 84 % of the particle filter's draws lie in the intervals. NAMES are separated by semicolons.
+Runs are those of choosing.py. The table has two coverages of 90 % intervals, means over seeds with standard errors: of the
+truth, and of a particle filter's draws (poseppl.diagnostics.reference_coverage). It counts the runs whose predictions of the
+data are an error, and those that contain fewer than 84 % of the particle filter's draws. Separate NAMES by semicolons.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def _row(model: str, name: str, frames: int, references: list[xr.DataTree]) -> l
     compared = [reference_coverage(*pair).estimate for pair in zip(trees, references, strict=True)]
     red = sum("prediction" in kinds(judge(tree).errors) for tree in trees)
     shares = [coverage_of(tree) for tree in trees], compared
-    told = [f"{100 * np.mean(each):.0f} ± {100 * np.std(each, ddof=1) / np.sqrt(len(each)):.0f}" for each in shares]
+    cells = [f"{100 * np.mean(each):.0f} ± {100 * np.std(each, ddof=1) / np.sqrt(len(each)):.0f}" for each in shares]
     counts = [f"{count} of {len(trees)}" for count in (red, sum(share < TOO_FEW for share in compared))]
-    print(model, name, *told, *counts, sep="\t", flush=True)
-    return [name, *told, *counts]
+    print(model, name, *cells, *counts, sep="\t", flush=True)
+    return [name, *cells, *counts]
 
 
 if __name__ == "__main__":

@@ -19,12 +19,13 @@ import numpy as np
 
 from benchmarks.simulated import Problem, build_problem, draw_sequence
 from benchmarks.timing import arguments, show
-from poseppl.diagnostics import coverage, joint_error
+from poseppl.diagnostics import coverage
 from poseppl.diagnostics.calibration import Coverage, between
 from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
 from poseppl.filters.assumed_density import TRACKER
 from poseppl.kernels import HMCSettings
 from poseppl.motion.geometry import marker_positions
+from poseppl.motion.measures import joint_error
 from poseppl.program import CompiledModel
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import Constant, run_filter
@@ -44,7 +45,7 @@ TRACKERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
 
 
 class Study(NamedTuple):
-    """What a tracker achieved.
+    """Results of a tracker.
 
     Attributes:
         coverages: One for each of LEVELS.

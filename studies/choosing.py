@@ -3,11 +3,11 @@
     python -m studies.choosing [--quick] [--models NAMES] [--filters NAMES] [--seeds 3] [--frames 60] [--again]
         [--output choosing]
 
-Data are simulated from each model (choosing_models.py), with a seed each; the body is the built-in walk seen by one camera. Of
-each filter at its defaults, with the settings that its name tells: the error of its means (root mean square; of the body the
-mean of the joints', mm), the share of the true real coordinates in 90 % intervals, the seconds of a run without compilation,
-and what errors the verdicts find that need no truth. A filter that refuses a model says why. Runs that OUTPUT/runs holds are
-not made again, and with --again none is made; NAMES are separated by semicolons.
+Each seed simulates data from each model (choosing_models.py); the body is the built-in walk seen by one camera. Filters run at
+their defaults, or with the settings in their name. The table has the root mean square error of the means (for the body the mean
+error of the joints, mm) and the coverage of 90 % intervals of real coordinates. It also has the seconds of a run without
+compilation, and errors found by verdicts that need no truth. A filter that refuses a model gives its reason. Runs in
+OUTPUT/runs are reused; --again makes none. Separate NAMES by semicolons.
 """
 
 from __future__ import annotations
@@ -156,11 +156,11 @@ def rows_of(trials: list[Trial], found: Mapping[str, Any]) -> list[tuple[Any, ..
 def figures_of(runs: list[Mapping[str, Any]]) -> list[Any]:
     """The columns from the error to the kinds of errors found."""
     error, coverage, seconds = (np.array([float(run[name]) for run in runs]) for name in ("error", "coverage", "seconds"))
-    told = [str(run["found"]) for run in runs]
-    red, below, above = np.array([each != "none" for each in told]), coverage < LEAST, coverage > MOST
+    findings = [str(run["found"]) for run in runs]
+    red, below, above = np.array([each != "none" for each in findings]), coverage < LEAST, coverage > MOST
     spread = float(coverage.std(ddof=1) / np.sqrt(len(runs))) if len(runs) > 1 else float("nan")
     counts = [int(chosen.sum()) for chosen in (red, below, below & ~red, above, above & red)]
-    kinds_found = dict.fromkeys(word for each in told if each != "none" for word in each.split())
+    kinds_found = dict.fromkeys(word for each in findings if each != "none" for word in each.split())
     return [float(error.mean()), float(coverage.mean()), spread, float(np.median(seconds)), *counts, " ".join(kinds_found)]
 
 

@@ -3,11 +3,11 @@
     python -m studies.ensembles [--quick] [--dimensions 40,400] [--spreads 1] [--filters NAMES] [--seeds 3]
         [--frames 100] [--output ensembles]
 
-Beside each filter: the error of its means (root mean square over frames and coordinates), the share of the truth in its 90 %
-intervals, whether verdicts that need no truth find an error, and the seconds of a run that compiles nothing. Data are simulated
-from the model, with a seed each, noise 1; the first state is known within SPREAD. Runs that OUTPUT/ensembles.csv holds are
-not made again; NAMES are separated by semicolons. The ensemble filters' tapers reach 20 coordinates to either side, of which
-half are seen.
+The table has, for each filter, the root mean square error of its means over frames and coordinates, and the coverage of 90 %
+intervals. It also says whether verdicts that need no truth find an error, and has the seconds of a run without compilation.
+Each seed simulates data from the model, with noise 1; the first state is known within SPREAD. Runs in OUTPUT/ensembles.csv are
+reused. Separate NAMES by semicolons. The tapers of ensemble filters reach 20 coordinates to either side, of which half are
+seen.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""What the default tracker loses of fast motion in one camera, and what wins it back.
+"""Losses of the default tracker with fast motion in one camera, and remedies.
 
     POSEPPL_DATA=FOLDER python -m studies.fast_motion [--quick] [--recordings ...] [--cases ...] [--frames 100] [--runs 3]
         [--output fast-motion]
 
-A case is a walk, and what else is other than by default:
+A case is a walk, and further differences from the default:
 
-fixed, learned    the published steps, and those that the recording is most likely under (`--walk learned`)
-mean-reverting    angles come back to how people hold themselves, the rest is learned (`--walk mean-reverting`)
-one translation   learned steps, of which the root's translations share their root mean square
-fitted            points of the body's own states instead of the recorded joints: what the body cannot do costs nothing
-more chains       60 chains instead of 30, 160 climbs to modes instead of 40, 6 Gaussians instead of 3
-root velocity     published angles, and a root whose velocity is part of the state: 2 m/s, kept for a second, and 8 mm beside
+* fixed, learned: the published steps, and the most likely steps (`--walk learned`);
+* mean-reverting: angles revert to the usual posture, the rest is learned (`--walk mean-reverting`);
+* one translation: learned steps, of which the root's translations share their root mean square;
+* fitted: points of the body's own states instead of the recorded joints, so that limits of the body cost nothing;
+* more chains: 60 chains instead of 30, 160 climbs to modes instead of 40, 6 Gaussians instead of 3;
+* root velocity: published angles, and a root whose velocity is part of the state: 2 m/s, kept for a second, and 8 mm beside.
 
 Errors are mean distances of posterior means of the joints from the truth, mm; coverage is that of 90 % intervals of the joints'
 coordinates. Noise and filter differ between runs by their seed, and are the same in all cases. Mean and standard deviation over
@@ -53,7 +53,7 @@ CASES = (
 )
 MORE = {"num_chains": 60, "num_starts": 160, "num_components": 6}
 PACE, MEMORY, JITTER = 2000.0, 1.0, 8.0
-"""Of a root with a velocity: its standard deviation, mm/s, its time constant, s, and what else it moves in a thirtieth, mm."""
+"""Velocity of the root: its standard deviation, mm/s, its time constant, s, and further motion in 1/30 s, mm."""
 _COLUMNS = ("recording", "rate", "case", "frames", "seed", "error", "coverage")
 
 
@@ -105,7 +105,7 @@ def one_translation(problem: Problem) -> Problem:
 
 
 def fitted(scene: Scene[PointData], seed: int) -> Scene[PointData]:
-    """What the cameras would have seen of the body in its own states, with as much noise."""
+    """Points of the body in its own states, with the same noise."""
     markers = scene.body.places(scene.states)
     points = np.asarray(jax.vmap(lambda each: project(scene.cameras, each))(jnp.asarray(markers, jnp.float32)), float)
     noise = scene.data.noise[None, ..., None] * np.random.default_rng(1000 + seed).normal(size=points.shape)

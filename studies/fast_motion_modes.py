@@ -1,12 +1,12 @@
-"""Does the model know better than the filter what fast motion was? Modes of whole recordings, from the truth and the filter.
+"""Does the model know fast motion better than the filter? Modes of whole recordings, from the truth and from the filter.
 
     POSEPPL_DATA=FOLDER python -m studies.fast_motion_modes [--quick] [--recordings ...] [--frames 100] [--runs 3]
         [--output fast-motion]
 
-With the steps that a recording is most likely under (`--walk learned`), the default tracker's means and the true states climb
-to their nearest modes of the joint density of all frames. A row a recording and a seed: the logarithm of Laplace's mass of the
-mode from the truth less that of the mode from the filter, and mean errors of the joints of both, mm. Where it is negative, a
-search for the likeliest mode leads away from the truth. Rows that OUTPUT/fast_motion_modes.csv holds are not made again.
+Random-walk steps are learned from the recording (`--walk learned`). From the default tracker's means, and from the true states,
+a search climbs to the nearest mode of the joint density of all frames. Each row is a recording and a seed: the log of the
+Laplace mass of the mode from the truth minus that of the mode from the filter, and the mean joint errors of both, mm. A
+negative value means that the most probable mode is farther from the truth. Rows in OUTPUT/fast_motion_modes.csv are reused.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import joint_error
 from poseppl.filters import assumed_density_filter
+from poseppl.motion.measures import joint_error
 from poseppl.motion.tracking import Scene
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.walk_learning import learn_walk

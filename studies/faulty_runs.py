@@ -1,11 +1,11 @@
-"""Do verdicts notice wrong runs, and leave good ones alone? Runs that are right, and runs of which one thing is wrong.
+"""Do verdicts notice wrong runs, and accept good ones? Correct runs, and runs with one fault each.
 
     POSEPPL_DATA=FOLDER python -m studies.faulty_runs [--quick] [--only WORD] [--kept FOLDER]
 
-Each row is a run: mean joint error, mm; share of the true coordinates inside 90 % intervals; and the worst verdict that needs
-no truth. Walks and recordings are seen through simulated cameras with noise of 0.003. "Keypoints" are a detector's on
-pose2sim_balancing, and the error is against the published triangulation; "masks" are drawn of the walk. With --kept FOLDER
-results are kept there, and those that are there are judged again without tracking.
+Each row is a run: mean joint error, mm; coverage of 90 % intervals; and the worst verdict that needs no truth. Simulated
+cameras see walks and recordings with noise of 0.003. "Keypoints" are a detector's on pose2sim_balancing, with errors against
+the published triangulation; "masks" are drawn of the walk. --kept FOLDER stores results there, and judges stored ones again
+without tracking.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
 def walk(
     count: int, *, cameras: int = 2, seed: int = 0, noise: float = NOISE, every: int = 1, rate: float | None = None
 ) -> Scene[PointData]:
-    """The built-in walk, whose noise is told to be 0.003."""
+    """The built-in walk, whose noise is claimed to be 0.003."""
     return seen(walking_subject(frames=f"0:{every * count}:{every}"), cameras, seed, noise, rate or 30.0)
 
 
@@ -147,10 +147,10 @@ def recorded(
 
 
 def seen(subject: Any, cameras: int, seed: int, noise: float, rate: float | None) -> Scene[PointData]:
-    """A subject in so many cameras, with noise, of which 0.003 is told."""
+    """A subject in so many cameras, with noise, of which 0.003 is claimed."""
     scene = observe_motion(subject, cameras_around(subject, count=cameras), camera_names(cameras), noise=noise, seed=seed)
-    told = noise_of(scene.body, scene.cameras, NOISE)
-    return scene._replace(data=PointData(scene.data.points, told), rate=scene.rate if rate is None else rate)
+    claimed = noise_of(scene.body, scene.cameras, NOISE)
+    return scene._replace(data=PointData(scene.data.points, claimed), rate=scene.rate if rate is None else rate)
 
 
 def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene[PointData]:
@@ -162,7 +162,7 @@ def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene[PointData]:
 
 
 def longer(count: int, factor: float, *, cameras: int = 2) -> Scene[PointData]:
-    """The body is told to be larger than it is."""
+    """The body is claimed to be larger than it is."""
     scene = walk(count, cameras=cameras)
     return scene._replace(body=full_body({name: factor * value for name, value in scene.body.lengths.items()}))
 

@@ -1,4 +1,4 @@
-"""Where particle filters collapse and the answer is known: a linear Gaussian model in 28 dimensions.
+"""Collapse of particle filters where the answer is known: a linear Gaussian model in 28 dimensions.
 
     python -m studies.high_dimension [--quick] [--dimension 28] [--frames 100] [--particles 10000] [--runs 5]
 

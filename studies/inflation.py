@@ -1,11 +1,11 @@
-"""What the default tracker's heavier tails are for: its intervals with and without, where the answer is known.
+"""The purpose of the default tracker's heavier tails: its intervals with and without, where the answer is known.
 
     python -m studies.inflation [--sequences 8] [--frames 60]
 
-A random walk in 28 dimensions, of which 14 are seen in noise ten times as large as a step, is filtered by the assumed-density
-filter at its default settings (30 chains of 24 updates) with one Gaussian and with three. Coverage is the share of the true
-coordinates inside the central 90 % intervals over the later half of the frames, the variance a ratio to that of Kalman's
-filter, each with its standard error over sequences.
+The model is a random walk in 28 dimensions; 14 are seen, with noise ten times as large as a step. The assumed-density filter
+runs at its defaults (30 chains of 24 updates) with one Gaussian and with three. The table has the coverage of central 90 %
+intervals over the later half of the frames, and the ratio of the variance to Kalman's, each with its standard error over
+sequences.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Do people keep their velocity? How far their joints turn in some time, beside walks of independent steps and with velocities.
+"""Do people keep their velocity? Motion over several frames, against walks with independent steps and with velocities.
 
     POSEPPL_DATA=FOLDER python -m studies.kept_velocities [--quick]
 
-Mean squared ways of each coordinate of the recordings of studies/simulated_keypoints.py, at 30 Hz, over some frames, in
-units of those over one: the median over coordinates and recordings. Of independent steps they grow as the time does. Those of
-the walk with velocities are of the covariance that its steps make (`poseppl.motion.tracking.walk.velocity_steps`). Who walks
-turns back after half a stride, which neither knows.
+The table has mean squared displacements of the coordinates over some frames, in units of those over one frame: the median over
+coordinates and recordings of studies/simulated_keypoints.py, at 30 Hz. Independent steps grow linearly with time. The walk with
+velocities follows the covariance of its steps (`poseppl.motion.tracking.walk.velocity_steps`). A walker turns back after half a
+stride; neither model knows this.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def adjusted_cameras(folder: Path) -> list[CameraRecord]:
 
 
 def scene_of(folder: Path, cameras: tuple[int, ...], frames: str | None) -> KeypointScene:
-    """What these cameras saw."""
+    """Detections of these cameras."""
     folders = {f"cam_0{c}": folder / "pose" / f"cam0{c}_json" for c in cameras}
     return scene_of_keypoints(
         KeypointSettings(folders, adjusted_cameras(folder), rate=60, keep=("calibration",), frames=frames)
@@ -101,13 +101,16 @@ def gated(found: KeypointScene) -> Any:
     return best
 
 
+def images_of(draws: Any, full: KeypointScene, camera: int, rng: np.random.Generator) -> Any:
+    """Points (S, T, K, 2) that a camera may see, with its noise, of draws of places (S, T, K, 3)."""
+    lens = jax.tree.map(lambda leaf: leaf[camera : camera + 1], full.scene.cameras)
+    images = np.stack([np.asarray(project(lens, jnp.asarray(draw, float)))[0] for draw in draws])
+    return images + full.scene.data.noise[:, camera, :, None] * rng.standard_normal(images.shape)
+
+
 def coverage(draws: Any, full: KeypointScene, camera: int, rng: np.random.Generator) -> list[float]:
     """Shares of a camera's coordinates that intervals of draws (S, T, K, 3) hold, at each of the levels."""
-    lens = jax.tree.map(lambda leaf: leaf[camera : camera + 1], full.scene.cameras)
-    seen, noise = full.scene.data.points[:, camera], full.scene.data.noise[:, camera, :, None]
-    images = np.stack([np.asarray(project(lens, jnp.asarray(draw, float)))[0] for draw in draws])
-    images = images + noise * rng.standard_normal(images.shape)
-    shares = []
+    seen, images, shares = full.scene.data.points[:, camera], images_of(draws, full, camera, rng), []
     for level in LEVELS:
         low, high = np.quantile(images, [(1 - level) / 2, (1 + level) / 2], axis=0)
         shares.append(float(((seen >= low) & (seen <= high))[np.isfinite(seen)].mean()))

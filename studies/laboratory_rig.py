@@ -1,11 +1,7 @@
-"""The four cameras of a laboratory (h36m_cameras), people who walk in their middle, and what a detector finds of them.
+"""The four cameras of a laboratory (h36m_cameras), and people who walk in their middle.
 
-A person of a recording is put where the cameras look, and turned at random. A detector's points are drawn from the tracker's
-own programs: places beside the joints, errors that last, Student-t ones and noise by confidence from
-``poseppl_models.bodies.detected_points``, errors of the cameras' poses from the prior of their refinement, clutter from
-``poseppl_models.bodies.named_points``, exchanged limbs from the chain that seeks them. Confidences and gaps, for which the
-programs have no law, are ours, and so is the size of the cameras' errors, a third of their prior's: at its full size, rays of
-one person pass each other farther away than people are told apart by.
+A person of a recording is put where the cameras look, and turned at random; what a detector finds there is drawn
+(:mod:`poseppl.motion.keypoints.drawn_detections`).
 """
 
 from __future__ import annotations
@@ -13,63 +9,26 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from poseppl_models.bodies.detected_points import FREEDOM
-from poseppl_models.bodies.named_points import clutter_log_odds
-from scipy.special import expit, logit
 
-from poseppl.arrays import Booleans, Floats
+from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject
-from poseppl.motion.geometry import project
-from poseppl.motion.geometry.cameras import moved_cameras
-from poseppl.motion.io import CameraRecord, DetectedPeople, read_motion
-from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION
-from poseppl.motion.keypoints.data_association import limb_pairs
-from poseppl.motion.points.swaps import LASTS, SHARE
+from poseppl.motion.io import CameraRecord, read_motion
 from poseppl.motion.recordings.subjects import chosen_motion
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
-from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST
-from poseppl.motion.tracking.placing import cameras_of_records
-from poseppl.motion.tracking.scene import noise_of
 
 PERSON, SIZE = "S1", (1000, 1000)
-"""Of h36m_cameras, whose poses are taken; width and height of the pictures, px."""
-LAYOUT = "body25"
+"""Person of h36m_cameras whose camera poses are used; width and height of the pictures, px."""
 RIG = {4: (0, 1, 2, 3), 2: (0, 2)}
 """Which of them there are, by how many."""
-CALIBRATION = 1 / 3
-"""Size of the errors of the cameras' poses in units of their prior's 1 degree and 30 mm about each axis; ours."""
-GAP_SHARE, GAPS_LAST = 0.05, 0.2
-"""Share of the time in which a camera's point is not found, and seconds that this lasts; ours."""
-CONFIDENCE = (8.0, 2.0)
-"""Of the beta law of confidences; ours."""
-CLUTTER = {"clutter": -5.0, "clutter_slope": -0.7}
-"""Prior means of ``poseppl_models.bodies.named_points``."""
-
-
-class Detected(NamedTuple):
-    """What a detector found of a person, and the truth behind it.
-
-    Attributes:
-        people: By camera.
-        places: (T, K, 3) mm, where the body's markers were.
-        swaps: (T, C, P) whether the limbs of a pair were exchanged.
-    """
-
-    people: dict[str, DetectedPeople]
-    places: Floats
-    swaps: Booleans
 
 
 def rig_records(folder: Path) -> list[CameraRecord]:
     """The four calibrated cameras; mm, the floor at Z = 0."""
-    told = json.loads((folder / "h36m_cameras" / "camera-parameters.json").read_text())
-    poses = told["extrinsics"][PERSON]
+    parameters = json.loads((folder / "h36m_cameras" / "camera-parameters.json").read_text())
+    poses = parameters["extrinsics"][PERSON]
     return [
         CameraRecord(
             name,
@@ -79,7 +38,7 @@ def rig_records(folder: Path) -> list[CameraRecord]:
             rotation=np.array(poses[name]["R"]),
             translation=np.array(poses[name]["t"]).ravel(),
         )
-        for name, of in told["intrinsics"].items()
+        for name, of in parameters["intrinsics"].items()
     ]
 
 
@@ -98,88 +57,3 @@ def placed_subject(path: Path, skeleton: Path | None, frames: str, middle: Float
     centre = np.nanmean(turned, (0, 1))
     shift = np.array([middle[0] - centre[0], middle[1] - centre[1], -np.nanmin(turned[..., 2])])
     return fit_subject(replace(motion, positions=turned + shift), body_builder(DEFAULT_MODEL))
-
-
-def lasting(rng: np.random.Generator, count: int, shape: tuple[int, ...], lasts: float, rate: float) -> Floats:
-    """Autoregressive sequences (T, ...) of variance 1."""
-    kept = np.exp(-1 / rate / lasts)
-    values = [rng.standard_normal(shape)]
-    for _ in range(1, count):
-        values.append(kept * values[-1] + np.sqrt(1 - kept**2) * rng.standard_normal(shape))
-    return np.stack(values)
-
-
-def spells(rng: np.random.Generator, count: int, shape: tuple[int, ...], share: float, lasts: float, rate: float) -> Booleans:
-    """Two-state chains (T, ...): whether what has a share of the time and goes on for some seconds is the case."""
-    kept = np.exp(-1 / rate / lasts)
-    values = [rng.random(shape) < share]
-    for _ in range(1, count):
-        values.append(rng.random(shape) < share * (1 - kept) + kept * values[-1])
-    return np.stack(values)
-
-
-def detect(
-    subject: MovingSubject,
-    records: list[CameraRecord],
-    rng: np.random.Generator,
-    *,
-    beside: float = SHIFT,
-    calibration: float = CALIBRATION,
-    clutter: bool = True,
-    exchange: bool = True,
-) -> Detected:
-    """Draw what a detector finds of a person.
-
-    Args:
-        subject: The person.
-        records: The calibrated cameras; those that see the person differ from them.
-        rng: Random numbers.
-        beside: Standard deviation of the markers' places beside the joints, mm.
-        calibration: Size of the cameras' errors in units of their prior's.
-        clutter: Whether points may be anywhere in the picture.
-        exchange: Whether limbs may be exchanged.
-    """
-    names, rate = subject.body.tree.marker_names, subject.rate
-    calibrated, count, cameras = cameras_of_records(records), len(subject.frames), len(records)
-    turns, moves = (calibration * scale * rng.standard_normal((cameras, 3)) for scale in (PRIOR_ANGLE, PRIOR_POSITION))
-    true = moved_cameras(calibrated, jnp.asarray(turns, float), jnp.asarray(moves, float))
-    places = subject.complete_markers() + beside * lasting(rng, count, (len(names), 3), SHIFTS_LAST, rate)
-    clean = np.moveaxis(np.asarray(project(true, jnp.asarray(places, float)), np.float64), 0, 1)
-    sure = rng.beta(*CONFIDENCE, clean.shape[:-1])
-    scale = (noise_of(subject.body, calibrated, None) / np.sqrt(sure))[..., None]
-    slow = lasting(rng, count, clean.shape[1:], ERRORS_LAST, rate)
-    quick = rng.standard_normal(clean.shape) / np.sqrt(rng.chisquare(FREEDOM, clean.shape[:-1]) / FREEDOM)[..., None]
-    points = clean + scale * (np.sqrt(ERROR_SHARE) * slow + np.sqrt(1 - ERROR_SHARE) * quick)
-    wrong = rng.random(sure.shape) < expit(np.asarray(clutter_log_odds(_floats(CLUTTER), jnp.asarray(logit(sure), float))))
-    points = np.where(clutter & wrong[..., None], rng.random(points.shape) * SIZE, points)
-    outside = np.any((points < 0) | (points > SIZE), -1)
-    points[outside | spells(rng, count, sure.shape[1:], GAP_SHARE, GAPS_LAST, rate)] = np.nan
-    pairs = limb_pairs(names)
-    swaps = exchange & spells(rng, count, (cameras, len(pairs)), SHARE, LASTS, rate)
-    for number, (left, right) in enumerate(pairs.values()):
-        swapped, (ours, others) = swaps[..., number], ([*left, *right], [*right, *left])
-        for values in (points, sure):
-            values[:, :, ours] = np.where(_as(swapped, values), values[:, :, others], values[:, :, ours])
-    sure = np.where(np.isfinite(points).all(-1), sure, 0.0)
-    people = {record.name: _people(points[:, c], sure[:, c], names) for c, record in enumerate(records)}
-    return Detected(people, places, swaps)
-
-
-def _as(flags: Booleans, values: Floats) -> Booleans:
-    """Flags (T, C) with the axes of values (T, C, ...)."""
-    return flags.reshape(*flags.shape, *(1,) * (values.ndim - 2))
-
-
-def _floats(values: dict[str, float]) -> dict[str, Any]:
-    return {name: jnp.asarray(value, float) for name, value in values.items()}
-
-
-def _people(points: Floats, sure: Floats, names: tuple[str, ...]) -> DetectedPeople:
-    """One person (T, K) in the detector's layout, which has some of the body's markers."""
-    layout = LAYOUTS[LAYOUT]
-    into = {name: number for name, number in markers_of_names(layout).items() if name in names}
-    of, to = [names.index(name) for name in into], list(into.values())
-    laid = np.full((len(points), 1, len(layout), 2), np.nan)
-    confidence = np.zeros(laid.shape[:3])
-    laid[:, 0, to], confidence[:, 0, to] = points[:, of], sure[:, of]
-    return DetectedPeople(laid, confidence, np.arange(len(points)), LAYOUT, layout)

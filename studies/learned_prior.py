@@ -12,9 +12,9 @@ alone      the learned activity as the prior (`--prior, --set other_motion=false
 mixture    the same or other motion, as the data tell (`--prior`)
 default    the default tracker without a prior
 
-Of joints relative to the pelvis: mean distance of posterior means from the truth, mm, and the shares of their coordinates that
-central 50 % and 90 % intervals of the draws hold; besides the mean probability of the activity, and frames a second without
-compilation; of silhouettes also how severe the verdict on their overlap is, which needs no truth. Those of
+For joints relative to the pelvis the table has the mean distance of posterior means from the truth, mm, and the coverage of
+central 50 % and 90 % intervals of the draws. It also has the mean probability of the activity, and frames a second without
+compilation. For silhouettes it has the severity of the verdict on their overlap, which needs no truth. Runs in
 OUTPUT/learned_prior.csv are not made again.
 """
 
@@ -31,9 +31,9 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics.diagnosis import root_index
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
+from poseppl.motion.measures import root_index
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.silhouettes.frame import SilhouetteSettings
 from poseppl.motion.silhouettes.video_sources import see_silhouettes, sources_of_scene
@@ -106,7 +106,7 @@ def judge(tree: xr.DataTree) -> tuple[float, ...]:
 
 
 def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str, noise: float) -> tuple[str, ...]:
-    """What a run of a recording, a case and a seed measures."""
+    """Measurements of a run of a recording, a case and a seed."""
     name, case, seed = key
     body = SILHOUETTES if scenes else POINTS
     prior = None if case == "default" else str(learn(data, output, name.partition("_")[0], body))
@@ -116,8 +116,8 @@ def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, sc
     else:
         seen = watch(data, name, num_frames, int(seed))
     tree = track(seen, settings).result
-    told = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
-    return *(f"{value:.5g}" for value in judge(tree)), *told
+    worst = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
+    return *(f"{value:.5g}" for value in judge(tree)), *worst
 
 
 def main() -> None:

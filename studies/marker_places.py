@@ -1,13 +1,13 @@
-"""What it costs to take markers for where the body has them, and what learning their places wins back.
+"""The cost of assumed marker positions, and the gain of learning them.
 
     POSEPPL_DATA=FOLDER python -m studies.marker_places [--quick] [--recordings ...] [--cameras 2,4] [--frames 100]
         [--runs 3] [--filter kalman] [--output marker-places]
 
-Recordings in front of placed cameras, whose joints a body of rigid parts follows but roughly, are tracked with fixed and with
-learned scales of the random walk, and with fixed and learned places of the markers (`--walk` and `--markers` of `poseppl
-track`). Errors are mean distances of posterior means of the joints from the truth, mm; coverage is that of 90 % intervals of
-the joints' coordinates; seconds are of a run with learning, without compilation. Runs differ by the seed of noise and filter;
-those that OUTPUT/marker_places.csv holds are not made again.
+Placed cameras see recordings, whose joints a body of rigid parts follows only roughly. They are tracked with fixed and learned
+scales of the random walk, and with fixed and learned marker positions (`--walk` and `--markers` of `poseppl track`). Errors are
+mean distances of posterior means of the joints from the truth, mm. Coverage is that of 90 % intervals of the joints'
+coordinates. Seconds include learning, but no compilation. Runs differ by the seed of noise and filter; those in
+OUTPUT/marker_places.csv are reused.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     POSEPPL_DATA=FOLDER python -m studies.measured_lengths [--draws 20]
 
-Of the people of simulated_keypoints.py, whose markers are beside their joints by the law that the tracker has of it. Printed is
-the root mean square error of each length over recordings and draws, in mm, in units of its told deviation, and in units of one
-that is the same for all lengths.
+People are those of simulated_keypoints.py, whose markers are beside their joints with the tracker's own distribution. The table
+has the root mean square error of each length over recordings and draws, in mm. It also has it in units of the reported standard
+deviation, and of one that is the same for all lengths.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.keypoints.drawn_detections import LAYOUT, lasting
 from poseppl.motion.tracking.body_sizes import lengths_per_place, measured_lengths
 from poseppl.motion.tracking.lasting_errors import SHIFT, SHIFTS_LAST, mean_deviation
-from studies.laboratory_rig import LAYOUT, lasting
 from studies.simulated_keypoints import OPENSIM, WALKS, recorded
 
 LENGTHS = (
     *("spine", "shoulder_width", "shoulder_forward", "shoulder_drop", "upper_arm", "forearm"),
     *("hip_width", "hip_forward", "hip_drop", "thigh", "shank"),
 )
-"""That the detector's points tell."""
+"""Lengths that the detector's points determine."""
 
 
 def errors_and_deviations(subject: MovingSubject, rng: np.random.Generator, draws: int) -> list[np.ndarray]:
-    """Errors of the lengths, what is told of them, and what one deviation for all would tell: (3, lengths), a draw each."""
+    """Errors of the lengths, in mm, in reported standard deviations and in one for all lengths: (3, lengths), a draw each."""
     body, names = subject.body, subject.body.tree.marker_names
     index = [list(body.lengths).index(name) for name in LENGTHS]
     unseen = [k for k, name in enumerate(names) if name not in markers_of_names(LAYOUTS[LAYOUT])]
@@ -40,8 +40,8 @@ def errors_and_deviations(subject: MovingSubject, rng: np.random.Generator, draw
         )
         places[:, unseen] = np.nan
         lengths = measured_lengths(body, places)
-        told = one * np.linalg.norm(lengths_per_place(body, places)[index], axis=1)
-        found.append(np.stack([[lengths[name] - body.lengths[name] for name in LENGTHS], told, np.full(len(LENGTHS), one)]))
+        claimed = one * np.linalg.norm(lengths_per_place(body, places)[index], axis=1)
+        found.append(np.stack([[lengths[name] - body.lengths[name] for name in LENGTHS], claimed, np.full(len(LENGTHS), one)]))
     return found
 
 
@@ -52,10 +52,10 @@ def main() -> None:
     rng = np.random.default_rng(0)
     names = list(enumerate((*WALKS, OPENSIM)))[: 1 if options.quick else None]
     subjects = [recorded(DATA, name, seed) for seed, name in names]
-    error, told, one = np.moveaxis(
+    error, claimed, one = np.moveaxis(
         [row for each in subjects for row in errors_and_deviations(each, rng, 2 if options.quick else options.draws)], 1, 0
     )
-    rows = [np.sqrt(np.mean(np.square(values), 0)) for values in (error, error / told, error / one)]
+    rows = [np.sqrt(np.mean(np.square(values), 0)) for values in (error, error / claimed, error / one)]
     columns = ("length", "error, mm", "in told deviations", "in one for all")
     show("Lengths", columns, [(name, *(f"{row[k]:.2f}" for row in rows)) for k, name in enumerate(LENGTHS)])
 

@@ -2,12 +2,12 @@
 
     python -m studies.mirror_modes [--quick] [--runs 40] [--frames 40] [--methods assumed,Kalman]
 
-Every run draws its own data of `poseppl_models.toys.mirror`. The side of the state is told at the first frame, at the last, or
-never. A filter is asked for the probability of the positive side at the last frame but one, a smoother in the middle; a
-quadrature grid knows the answer. Both modes are kept when the lesser one has at least a quarter of the probability that it
-should have, counted where that is a tenth or more; the error is the root mean square over runs of the probability's. Smoothers
-take the history of a bootstrap filter with N = 1,000. A single Gaussian that lies across 0 counts as both modes: the Kalman
-filters are there to show that. `--methods` takes those whose names hold one of these words.
+Every run draws its own data of `poseppl_models.toys.mirror`. The side of the state is observed at the first frame, at the last,
+or never. A filter gives the probability of the positive side at the last frame but one, a smoother in the middle; a quadrature
+grid gives the exact value. Both modes are kept if the lesser one has at least a quarter of its exact probability; this is
+counted where that is a tenth or more. The error is the root mean square error of the probability over runs. Smoothers take the
+history of a bootstrap filter with N = 1,000. A single Gaussian across 0 counts as both modes; the Kalman filters show this.
+`--methods` selects methods by words in their names.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from poseppl.smoothers import (
     forward_backward_smoother,
     genealogy_smoother,
     gibbs_smoother,
+    mixture_variational_smoother,
     particle_gibbs_smoother,
     trajectory_smoother,
-    variational_smoother,
     viterbi_smoother,
 )
 
@@ -78,8 +78,8 @@ SMOOTHERS: Mapping[str, Callable[[CompiledModel], Smoother]] = {
     "forward-backward": forward_backward_smoother,
     "backward simulation": lambda model: backward_simulation_smoother(model, 500),
     "Viterbi": viterbi_smoother,
-    "variational, K 50": variational_smoother,
-    "variational, factorised": lambda model: variational_smoother(model, factorised=True),
+    "variational, K 50": mixture_variational_smoother,
+    "variational, factorised": lambda model: mixture_variational_smoother(model, factorised=True),
     "Gibbs, not divided": lambda model: gibbs_smoother(
         model, collapsed=False, num_chains=1, num_draws=1900, num_warmup=100, mixture=MixtureSettings(correction="none")
     ),
@@ -104,11 +104,11 @@ class Data(NamedTuple):
     states: np.ndarray[Any, Any]
 
 
-def draw_data(model: CompiledModel, num_runs: int, num_frames: int, told: str) -> Data:
-    """Simulate; the side is masked where it is not told."""
+def draw_data(model: CompiledModel, num_runs: int, num_frames: int, seen_at: str) -> Data:
+    """Simulate; the side is masked where it is not observed."""
     drawn = [simulate(model, jax.random.key(run), num_frames) for run in range(num_runs)]
     seen = np.zeros(num_frames, bool)
-    seen[0], seen[-1] = told == "first", told == "last"
+    seen[0], seen[-1] = seen_at == "first", seen_at == "last"
     values = {name: np.stack([run.values[name] for run in drawn]) for name in ("y", "side")}
     values["side"] = np.where(seen, values["side"], 0.0)
     mask = {"y": np.ones((num_runs, num_frames), bool), "side": np.broadcast_to(seen, (num_runs, num_frames))}
@@ -195,15 +195,15 @@ def report(methods: Sequence[str], model: CompiledModel, num_runs: int, num_fram
     """Print one table."""
     # what the last frame tells comes too late for a filter
     place, tellings = (num_frames // 2, TOLD) if smoothers else (num_frames - 2, ("first", "never"))
-    data = {told: draw_data(model, num_runs, num_frames, told) for told in tellings}
-    exact = {told: exact_positive(data[told])[int(smoothers)][:, place] for told in tellings}
+    data = {seen_at: draw_data(model, num_runs, num_frames, seen_at) for seen_at in tellings}
+    exact = {seen_at: exact_positive(data[seen_at])[int(smoothers)][:, place] for seen_at in tellings}
     rows = []
     for name in methods:
         find = probabilities(model, name)
-        rows.append([name, *(cell(find(data[told].observations)[:, place], exact[told]) for told in tellings)])
+        rows.append([name, *(cell(find(data[seen_at].observations)[:, place], exact[seen_at]) for seen_at in tellings)])
         jax.clear_caches()
     truth = ["two modes in the exact answer"]
-    truth += [f"{100 * np.mean(np.minimum(exact[told], 1 - exact[told]) >= 0.1):3.0f} %" for told in tellings]
+    truth += [f"{100 * np.mean(np.minimum(exact[seen_at], 1 - exact[seen_at]) >= 0.1):3.0f} %" for seen_at in tellings]
     kind = "Smoothers, in the middle" if smoothers else "Filters, at the last frame but one"
     title = f"{kind}: both modes kept, and error of P(x > 0), by when the side is told; {num_runs} runs, T = {num_frames}"
     show(title, ["", *tellings], [truth, *rows])

@@ -2,11 +2,11 @@
 
     python -m studies.modes_found [--quick] [--poses 6] [--starts 10000] [--folder DIR]
 
-The body of Choo and Fleet, 28 coordinates, its 17 points seen by one camera at 5 m with noise of 0.003 of the focal length,
-joint limits as bounds, and a prior around the pose at rest (1 rad, 300 mm a standard deviation). Poses are random ones within
-the limits, 0.4 rad from rest. Modes count that have at least e^-7 of the heaviest mode's mass; those that there are, are those
-that --starts climbs from draws of the prior come to, or any method. Each method starts from the mode that a climb from the
-truth ends in, as a tracker would, with that mode's covariance (Sminchisescu and Triggs 2001, section 4.2 and Fig. 5):
+The body is that of Choo and Fleet, with 28 coordinates. One camera at 5 m sees its 17 points with noise of 0.003 of the focal
+length. Joint limits are bounds, and the prior is around the pose at rest (1 rad, 300 mm a standard deviation). Poses are random
+ones within the limits, 0.4 rad from rest. Modes count that have at least e^-7 of the heaviest mode's mass. The reference is the
+set of modes that any method finds, or --starts climbs from draws of the prior. Each method starts, as a tracker would, from the
+mode at the end of a climb from the truth, with that mode's covariance (Sminchisescu and Triggs 2001, section 4.2 and Fig. 5):
 
 * dynamic noise: N(mu, s Q) with Q of 15 mm and 0.15 rad, s = 1 and 10;
 * multiple hypothesis tracking: N(mu, S + s Q), S being the covariance of the mode, s = 1 and 10;
@@ -15,7 +15,8 @@ truth ends in, as a tracker would, with that mode's covariance (Sminchisescu and
 * half jumps, half covariance scaled.
 
 An evaluation is one of likelihood, gradient and Gauss-Newton curvature together. Prints a table; --folder gets modes_found.csv,
-a row for each pose, method and number of starts, and modes_found.png.
+a row for each pose, method and number of starts, its record in tables.json, and modes_found.png. Poses that the table there
+has, with as many starts, are not computed again.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,9 +35,11 @@ import matplotlib
 import numpy as np
 from poseppl_models.bodies.choo_fleet import full_body
 from poseppl_models.bodies.joint_limits import joint_limits
-from poseppl_papers.tables import Table, write_csv
+from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl_papers.tables import Table
 
 from benchmarks.timing import show
+from poseppl.jobs.versions import versions
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
 from poseppl.kernels.mode_proposals import covariance_scaled, dynamic_noise
@@ -55,6 +59,10 @@ LEAST = 7.0
 BATCH = 200
 NUM_STEPS = 120
 COLUMNS = ("pose", "method", "starts", "evaluations", "modes", "of", "mass")
+ABOUT = (
+    "Modes of a pose that one camera sees, found from the mode next to the truth, of those that {starts:,} draws of the prior "
+    "or any method came to; share of their mass; evaluations of likelihood, gradient and curvature."
+)
 Floats = np.ndarray[Any, Any]
 
 
@@ -276,8 +284,20 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where the CSV and the figure go")
     options = parser.parse_args()
     poses, starts, counts = (1, 400, (12, 24)) if options.quick else (options.poses, options.starts, (12, 24, 48, 96, 192))
-    rows = [row for pose in range(poses) for row in study(pose, starts, counts)]
-    table = Table("modes_found", COLUMNS, rows)
+    about = ABOUT.format(starts=starts)
+    rows: list[tuple[Any, ...]] = []
+    if options.folder:
+        options.folder.mkdir(parents=True, exist_ok=True)
+        known = read_folder(options.folder).get("modes_found")
+        rows = list(known.table.rows) if known is not None and known.table.about == about else []
+    table = Table("modes_found", COLUMNS, rows, about)
+    for pose in sorted(set(range(poses)) - set(table.values("pose"))):
+        rows += study(pose, starts, counts)
+        if options.folder:
+            command = f"python -m studies.modes_found --poses {poses} --starts {starts} --folder {options.folder}"
+            today, own = datetime.now(UTC).date().isoformat(), ", ".join(f"{key} {each}" for key, each in versions().items())
+            how = Provenance(f"{pose + 1} poses", "none, random poses", today, own, command)
+            write_folder(options.folder, {"modes_found": Kept(table, how)})
     shown = [
         [name, f"{count:.0f}", f"{spent:.0f}", f"{modes:.0f} %", f"{100 * mass:.0f} %"]
         for name, each in summarised(table).items()
@@ -285,8 +305,6 @@ def main() -> None:
     ]
     show(f"{poses} poses, one camera", ["starts drawn from", "starts", "evaluations", "modes found", "mass found"], shown)
     if options.folder:
-        options.folder.mkdir(parents=True, exist_ok=True)
-        write_csv(table, options.folder)
         draw(table, options.folder / "modes_found.png")
 
 

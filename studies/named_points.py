@@ -3,10 +3,9 @@
     POSEPPL_DATA=FOLDER python -m studies.named_points [--quick] [--part fly|board] [--output DIR]
 
 fly_legs: twelve points of a fly's legs in two of three cameras are smoothed, and the third camera's points (confidence above
-0.9) are judged against what would be seen there: median error of a coordinate, px; how often 50 and 90 % intervals hold; the
-mean log score of a coordinate. Networks are three, each by itself, and the median of all. Nothing is fitted on the camera that
-is held out: how much worse it is than the others is drawn from the prior. Linear triangulation stands beside it, without
-intervals.
+0.9) are compared with their predictions: median error of a coordinate, px; coverage of 50 and 90 % intervals; mean log score of
+a coordinate. Networks are three, each by itself, and the median of all. Nothing is fitted on the camera that is held out: how
+much worse it is than the others is drawn from the prior. Linear triangulation stands beside it, without intervals.
 
 charuco_board: the corners of a board from two, three and four cameras, each corner by itself; the distances between them are
 known. Errors in mm, and how often intervals of the distances hold.
@@ -38,12 +37,12 @@ from poseppl.motion.points.smoothing import PointTracks, smooth_points
 CAMERAS, NETWORKS = ("Cam-A", "Cam-B", "Cam-C"), (0, 1, 2)
 SURE = 0.9
 SPACING = 54.0
-"""Of neighbouring corners, mm."""
+"""Distance of neighbouring corners, mm."""
 _ROWS = 3
 
 
 class Score(NamedTuple):
-    """How well a held-out camera was foretold: error px, shares of coordinates in intervals, mean log score."""
+    """Predictions of a held-out camera: error px, shares of coordinates in intervals, mean log score."""
 
     median: float
     percentile_95: float
@@ -53,7 +52,7 @@ class Score(NamedTuple):
 
 
 def fly(folder: Path, network: int | None, frames: str | None) -> PointRecording:
-    """What a network found, or the median of all."""
+    """Detections of a network, or the median of all."""
     if network is None:
         each = [fly(folder, number, frames) for number in NETWORKS]
         middle = np.median([one.points for one in each], 0)

@@ -1,4 +1,4 @@
-"""Recorded walks as the keypoints of one camera: how far off is a person of unknown stature, and do intervals hold?
+"""Recorded walks as the keypoints of one camera: errors of a person of unknown stature, and coverage.
 
     POSEPPL_DATA=FOLDER python -m studies.one_camera [--quick] [--output one-camera]
 
@@ -22,11 +22,12 @@ from benchmarks.timing import DATA, arguments, show
 from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.keypoints.drawn_detections import LAYOUT, detect
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from studies.kept_runs import keep_run, read_runs
-from studies.laboratory_rig import LAYOUT, RIG, detect, rig_records
+from studies.laboratory_rig import RIG, rig_records
 from studies.simulated_keypoints import OPENSIM, WALKS, recorded
 
 NAMES, LEVELS = (*WALKS, OPENSIM), (0.5, 0.9)

@@ -1,10 +1,10 @@
-"""What the check of predictions judges: coverage of 90 % intervals of data, coordinates and joints on recorded walks.
+"""The subject of predictive checks: coverage of 90 % intervals of data, coordinates and joints on recorded walks.
 
     POSEPPL_DATA=FOLDER python -m studies.prediction_coverage [--quick] [--filters kalman,assumed-density] [--cameras 2,1]
 
 Each row is a walk of at most 100 frames at 30 Hz, seen by simulated cameras with noise of 0.003. The ratio is the variance of
-the predicted states' errors over the claimed one, as the innovations tell it. The coverage is that of the data one frame ahead,
-of coordinates, of the joints of the model's body at the true coordinates, and of the recorded joints.
+the predicted states' errors, estimated from the innovations, over the claimed variance. The coverages are those of the data one
+frame ahead, of coordinates, of the joints of the model's body at the true coordinates, and of the recorded joints.
 """
 
 from __future__ import annotations

@@ -1,16 +1,17 @@
-"""Do predictive checks, which need no truth, tell the runs whose intervals are too narrow?
+"""Do predictive checks, which need no truth, find the runs whose intervals are too narrow?
 
     python -m studies.predictive_checks [--quick] [--models lorenz,growth] [--filters NAMES] [--seeds 3] [--frames 100]
         [--output predictive-checks] [--again]
 
-Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
-noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
-built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py so, and `--models simulated`
-the sequences of simulated_motion.py, one a seed, of at most 25 frames. A run is missed
-whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
-more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
-again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words, so that `--again` judges the predictions of
-all by the present verdict.
+Each run has data that the model itself simulates, and a truth that the checks do not see: Lorenz-96 (40 coordinates, every
+other one seen, noise 0.1 and 1), the growth model, and a linear Gaussian model in 8 dimensions of which 4 are seen. `--models
+walk` adds the built-in walk seen by one camera and by two, `--models recordings` those of random_walk.py, `--models simulated`
+the sequences of simulated_motion.py, one a seed, of at most 25 frames.
+
+A run counts as missed if its 90 % intervals have less than 80 % coverage without a verdict of severity "error". It counts as
+wrongly accused if they have more than 87 % coverage with one. Verdicts that know the truth do not count. Runs in
+OUTPUT/predictive_checks.csv are reused. OUTPUT/predictions has the predictions and the verdicts of each run, so that `--again`
+judges all of them by the present verdict.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ _KINDS = {
     "unreached": "In weakly informed coordinates",
     "update": "The filter's posteriors",
 }
-"""How errors begin that `--again` finds anew, by kind; all else is "other"."""
+"""Beginnings of the errors that `--again` looks for, by kind; all else is "other"."""
 _ABOUT = (
     "Share of the truth in 90 % intervals, variance of the states' errors over the claimed one as the data tell it, and the "
     "errors among the verdicts that need no truth: prediction, unreached, update, other, or none."
@@ -189,7 +190,7 @@ class Judged(NamedTuple):
 
 
 def kinds(errors: Sequence[str]) -> str:
-    """What errors are about."""
+    """Kinds of errors."""
     found = {next((kind for kind, start in _KINDS.items() if error.startswith(start)), "other") for error in errors}
     return " ".join(kind for kind in (*_KINDS, "other") if kind in found) or "none"
 

@@ -1,15 +1,16 @@
-"""How far should a random walk go in a frame? The default tracker on recordings of many rates, with three walks.
+"""How far should a random walk go per frame? The default tracker on recordings of many rates, with three walks.
 
     POSEPPL_DATA=FOLDER python -m studies.random_walk [--quick] [--recordings ...] [--walks frame,second,learned]
         [--cameras 1,2] [--frames 100] [--runs 3] [--output random-walk]
 
-"frame" is 15 mm and 0.15 radians a frame whatever the rate, "second" the same at 30 Hz and a root of a second elsewhere,
-"learned" the scales that the recording itself is most likely under (`--walk learned` of `poseppl track`). At 30 Hz "frame" is
-"second". Recordings have their own rate, or are thinned to 30 Hz. Noise and filter differ between runs by their seed. Errors
-are mean distances of posterior means of the joints from the truth, mm; coverage is that of 90 % intervals of the joints'
-coordinates; seconds are a run's with learning, without compilation. Of pose2sim_balancing a detector's points are tracked,
-whose error is against the published triangulation of twelve joints. Mean and standard deviation over runs; those that
-OUTPUT/runs.csv holds are not made again.
+"frame" is 15 mm and 0.15 radians a frame at any rate. "second" is the same at 30 Hz and scales with the square root of time.
+"learned" has the scales with the highest likelihood in the recording (`--walk learned` of `poseppl track`). At 30 Hz "frame"
+equals "second". Recordings have their own rate, or are thinned to 30 Hz.
+
+Errors are mean distances of posterior means of the joints from the truth, mm. Coverage is that of 90 % intervals of the joints'
+coordinates. Seconds include learning, but no compilation. In pose2sim_balancing a detector's points are tracked; the error is
+against the published triangulation of twelve joints. Runs differ by the seed of noise and filter; the table has their means and
+standard deviations. Runs in OUTPUT/runs.csv are reused.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import joint_error
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.io import read_cameras
+from poseppl.motion.measures import joint_error
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import Problem, Scene, make_problem, observe_motion
 from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
@@ -137,7 +138,7 @@ def watch(folder: Path, name: str, cameras: int, frames: int, runs: int) -> Watc
 
 
 def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
-    """What a detector saw of the man on the beam in two opposite cameras; seeds are those of the filter alone."""
+    """Detections of the man on the beam in two opposite cameras; seeds are those of the filter alone."""
     body = full_body({name: value * STATURE / 1750.0 for name, value in full_body().lengths.items()})
     records = [read_cameras(folder / "calibration" / "Calib_qualisys.toml")[camera] for camera in (0, 2)]
     points = np.full((frames, 2, len(body.tree.marker_names), 2), np.nan)

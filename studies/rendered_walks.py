@@ -1,4 +1,4 @@
-"""Which filter follows a rendered person, with how many cameras, with and without furniture in the way?
+"""Which filter follows a rendered person, with how many cameras, with and without furniture?
 
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
@@ -6,12 +6,11 @@
         [--runs 3] [--true-masks] [--noise 80] [--edges] [--refine]
         [--output rendered-walks]
 
-Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
-around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is
-15 mm a frame at that rate). Errors are mean distances of posterior means of the joints from the truth, mm, and the same after
-the pelvis is moved onto its own; coverage is that of 90 % intervals of the joints' coordinates; seconds a frame are without
-compilation. Mean and standard deviation over runs, which differ in their seed. Runs that OUTPUT/runs.csv holds are not made
-again.
+Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks). Each run starts
+around the truth. At 30 frames a second the person moves 40 mm a frame, and so does the random walk here (its default is 15 mm a
+frame at that rate). Errors are mean distances of posterior means of the joints from the truth, mm, and the same relative to the
+pelvis. Coverage is that of 90 % intervals of the joints' coordinates. Seconds a frame are without compilation. Runs differ in
+their seed; the table has their means and standard deviations. Runs in OUTPUT/runs.csv are reused.
 """
 
 from __future__ import annotations

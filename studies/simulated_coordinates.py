@@ -2,12 +2,12 @@
 
     python -m studies.simulated_coordinates [--quick] [--sequences 150] [--references 30] [--output simulated-coordinates]
 
-The sequences of simulated_motion.py, one camera. What the default, the "nearly exact" filter, and filters with chains of 200
-updates of 12 steps say of the 25th frame stands beside NUTS on all frames at once, by four chains that start at the default's
-draws, or at the truth: of the last frame, filter and smoother have the same posterior. Chains that start at the truth know at
-least the mode in which it lies, so that their errors may be too small; their deviations are not too large. A row a sequence,
-method and part: share of the angles in central 90 % intervals, root mean squares of the claimed deviations and of the errors
-(rad). Rows go to simulated_coordinates.csv in the folder, and what is there is not run again.
+The sequences of simulated_motion.py, one camera. The study compares the 25th frame by the default, the "nearly exact" filter,
+and filters with chains of 200 updates of 12 steps with NUTS on all frames at once. NUTS has four chains that start at the
+default's draws, or at the truth. Filter and smoother have the same posterior of the last frame. Chains that start at the truth
+know at least the mode in which it lies, so that their errors may be too small; their deviations are not too large. Each row has
+a sequence, method and part: share of the angles in central 90 % intervals, root mean squares of the claimed deviations and of
+the errors (rad). Rows go to simulated_coordinates.csv in the folder, and what is there is not run again.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""Recorded walks as a detector's keypoints: are joints and angles right, and do their intervals hold?
+"""Recorded walks as a detector's keypoints: errors of joints and angles, and coverage.
 
     POSEPPL_DATA=FOLDER python -m studies.simulated_keypoints [--quick] [--cameras 4,2] [--cases ...] [--recordings ...]
         [--output simulated-keypoints]
 
 People of cmu_walks and opensim_mocap walk in the middle of a laboratory's four cameras (h36m_cameras), or of two that stand 43
-degrees apart. What a detector finds there is drawn from the programs that the tracker has of it
-(studies/laboratory_rig.py): places beside the joints, 20 mm or none, errors that last, heavy tails, clutter, gaps, exchanged
-limbs, cameras that stand a little elsewhere than the calibration says. It is tracked as `poseppl track keypoints ...
---keep clocks` does: cameras mended, limbs put right, noise and segment lengths measured, then the filter of --filter and the
-smoother of lasting errors. Truth are the places that were projected, and the angles, as OpenSim has them, of the body that fits
-the recording. "aligned" is after one turn and shift of the whole recording, for the world is known as well as the cameras.
-An angle is told by the keypoints where their places within 20 mm tell it to within 10 degrees; "ideal" is to how many.
-Runs that the tables in OUTPUT hold are not made again.
+degrees apart. Detections are drawn from the tracker's own programs (studies/laboratory_rig.py). Positions are beside the
+joints, by 20 mm or not at all; errors are autocorrelated and have heavy tails. There are clutter, gaps, exchanged limbs, and
+small errors of the cameras' poses. Tracking is that of `poseppl track keypoints ... --keep clocks`: cameras are refined, limbs
+corrected, noise and segment lengths measured. Then come the filter of --filter and the smoother of autocorrelated errors. The
+true values are the projected positions, and the angles, in OpenSim's definition, of the body that fits the recording. "aligned"
+is after one rotation and shift of the whole recording, because the world is known only as well as the cameras. Keypoints
+determine an angle if positions within 20 mm determine it to within 10 degrees; "ideal" is this precision. Runs in the tables in
+OUTPUT are not made again.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from poseppl.motion.bodies.opensim import Coordinate, opensim_coordinates, opens
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.keypoints.drawn_detections import LAYOUT, Detected, detect
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings
@@ -41,12 +42,12 @@ from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import Estimates, angle_estimates, place_estimates
 from poseppl.motion.tracking.lasting_errors import SHIFT
 from studies.kept_runs import read_runs
-from studies.laboratory_rig import LAYOUT, RIG, Detected, detect, placed_subject, rig_middle, rig_records
+from studies.laboratory_rig import RIG, placed_subject, rig_middle, rig_records
 
 WALKS = ("05_01", "06_01", "07_01", "07_06", "08_01", "08_04", "16_15", "16_47", "35_05", "35_28", "35_33")
 OPENSIM = "walking1"
 FRAMES, STEP = 60, 4
-"""Of cmu_walks at 120 Hz: two seconds of its middle, at 30 Hz."""
+"""Frames of cmu_walks at 120 Hz: two seconds of its middle, at 30 Hz."""
 CASES: Mapping[str, Mapping[str, Any]] = {
     "all": {},
     "no clutter": {"clutter": False},
@@ -55,13 +56,13 @@ CASES: Mapping[str, Mapping[str, Any]] = {
 """Which errors the points have: all, all but clutter, and none that is beside the joints either."""
 LEVELS = (0.5, 0.9)
 PLACES = "places"
-"""What rows of joints' places are called, beside those of angles."""
+"""Name of the rows of joints' positions, beside those of angles."""
 COLUMNS = ("recording", "cameras", "case", "what", "ideal", "median", "percentile_95", "coverage_50", "coverage_90", "width")
 LIMBS = ("recording", "cameras", "case", "aligned", "exchanged", "found", "falsely", "pairs")
 
 
 class Truth(NamedTuple):
-    """What is compared with a result, in its frames.
+    """True values to compare with a result, in its frames.
 
     Attributes:
         places: (T, K, 3) mm.
@@ -147,8 +148,8 @@ def angle_rows(coordinates: Sequence[Coordinate], found: Sequence[Estimates], tr
 def limbs_row(found: KeypointScene, detected: Detected) -> tuple[int, ...]:
     """How many pairs of limbs were exchanged, how many of these were found, how many others, and of how many."""
     swaps = detected.swaps[found.scene.frames]
-    told = np.zeros_like(swaps) if found.associated is None else found.associated.swaps > 0.5
-    return int(swaps.sum()), int((told & swaps).sum()), int((told & ~swaps).sum()), swaps.size
+    detected_swaps = np.zeros_like(swaps) if found.associated is None else found.associated.swaps > 0.5
+    return int(swaps.sum()), int((detected_swaps & swaps).sum()), int((detected_swaps & ~swaps).sum()), swaps.size
 
 
 def run(folder: Path, name: str, cameras: int, case: str, filter: str, seed: int) -> tuple[list[Any], tuple[Any, ...]]:

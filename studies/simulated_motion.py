@@ -2,13 +2,14 @@
 
     python -m studies.simulated_motion [--quick] [--sequences 260] [--setting NAME] [--output simulated-motion]
 
-Sequences are those of the contest of Choo and Fleet 2001 (:mod:`poseppl_papers.choo_fleet.sequence`), which takes the
-first 20 of them: 25 frames at 30 Hz of the 28-DOF body, one camera at 5 m, a random walk of its own for each. The default sums
-up the past by 3 Gaussians, and shares chains among modes by the power 0.75 of their masses; its rival, which keeps lesser modes
-for longer, by 6 and by the power 0.5. The third, of 12 Gaussians, 150 chains and 400 starts, and the fourth, of 60 chains that
-are eight times as long, are as near to the posterior as we can afford, whose mean no filter beats on average. A row a sequence:
-mean error of the markers, shares of their coordinates in central intervals, and processor seconds a frame, scoring included.
-Rows go to simulated_motion.csv in the folder, and what is there is not run again.
+Sequences are those of the contest of Choo and Fleet 2001 (:mod:`poseppl_papers.choo_fleet.sequence`), which takes the first 20:
+25 frames at 30 Hz of the 28-DOF body, one camera at 5 m, and an independent random walk for each.
+
+The default represents the past by 3 Gaussians, and shares chains among modes by the power 0.75 of their masses. Its rival,
+which keeps lesser modes for longer, has 6 Gaussians and the power 0.5. The third has 12 Gaussians, 150 chains and 400 starts;
+the fourth has 60 chains that are eight times as long. These two are the best approximations of the posterior that we can
+afford. No filter beats the posterior mean on average. A row is a sequence: mean error of the markers, coverage of their
+coordinates, and processor seconds a frame, with scoring. Rows in simulated_motion.csv in the folder are reused.
 """
 
 from __future__ import annotations

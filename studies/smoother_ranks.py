@@ -3,16 +3,16 @@
     POSEPPL_DATA=FOLDER python -m studies.smoother_ranks [--quick] [--cases right,corrected,independent,half] [--cameras 4,2]
         [--replicates 100] [--output smoother-ranks]
 
-Poses, places beside the joints, errors that last and keypoints are drawn from ``poseppl_models.bodies.detected_points``, 20
-frames at 30 Hz in the laboratory's cameras (studies/laboratory_rig.py), with inputs as the tracker makes them of a walk: the
-learned steps, the noise of the body, a start that is known as one that was sought. A twentieth of the keypoints is missing, and
-those that the detector does not have. The default smoother, Laplace's, is given the same program and inputs, and 500 draws of
-it are compared with the truth, in three frames of each replicate: randomised ranks u in (0, 1), uniform if all is right (Talts
-et al. 2018, arXiv:1804.06788).
+Poses, offsets from the joints, autocorrelated errors and keypoints are drawn from ``poseppl_models.bodies.detected_points``, 20
+frames at 30 Hz in the laboratory's cameras (studies/laboratory_rig.py). Inputs are those that the tracker makes of a walk: the
+learned steps, the noise of the body, a start with the precision of an estimated one. A twentieth of the keypoints is missing,
+and those that the detector does not have. The default smoother, Laplace's, gets the same program and inputs. Its 500 draws are
+compared with the truth in three frames of each replicate: randomised ranks u in (0, 1), uniform if all is right (Talts et al.
+2018, arXiv:1804.06788).
 
 Replicates are independent, ranks within one are not. Uniformity is judged by the ten bins' shares of each replicate: their
 mean's distance from 1/10 in Hotelling's T^2 with the covariance between replicates. ECE is the mean distance of coverage from
-its level, over 10 to 90 %. Deliberately wrong smoothers, of half of the noise or of errors that do not last, have to be found.
+its level, over 10 to 90 %. Deliberately wrong smoothers, with half of the noise or with independent errors, have to be found.
 With "corrected" cameras, poses are off by draws of the refinement's prior and are corrected first, as the tracker does it.
 """
 
@@ -38,6 +38,7 @@ from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
+from poseppl.motion.keypoints.drawn_detections import GAP_SHARE, LAYOUT
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking.lasting_errors import with_ar1_noise
 from poseppl.motion.tracking.placing import cameras_of_records
@@ -51,7 +52,7 @@ from poseppl.runs.simulation import draw_sequence
 from poseppl.smoothers import laplace_smoother, smoothed_moments
 from poseppl.smoothers.base import History
 from poseppl.smoothers.cut_laplace import cut_laplace_smoother
-from studies.laboratory_rig import GAP_SHARE, LAYOUT, RIG, rig_middle, rig_records
+from studies.laboratory_rig import RIG, rig_middle, rig_records
 
 FRAMES, RATE, BINS = 20, 30.0, 10
 JUDGED = (0, FRAMES // 2, FRAMES - 1)
@@ -63,20 +64,20 @@ CASES: Mapping[str, Callable[[Any], Any]] = {
     "independent": lambda inputs: with_errors(inputs, error_share=1e-6 * jnp.ones_like(inputs.errors.error_share)),
     "half": lambda inputs: inputs._replace(noise=inputs.noise / 2),
 }
-"""What the smoother is told, by name: the inputs of the truth, those with corrected cameras, and wrong ones."""
+"""Inputs of the smoother, by name: those of the truth, those with corrected cameras, and wrong ones."""
 COLUMNS = ("smoother", "cameras", "of", "replicates", *(f"bin_{k}" for k in range(BINS)))
 COLUMNS = (*COLUMNS, "statistic", "chance", "ece", "ece_error", "coverage_50", "coverage_90")
 
 
 class Study(NamedTuple):
-    """What truths are drawn from and smoothed with.
+    """Problem from which truths are drawn, and with which they are smoothed.
 
     Attributes:
         body: The programs.
         truth: The compiled model that draws, with or without errors of the cameras.
         model: The compiled model that is smoothed.
         pose: The problem of poses alone, from which the smoother's start comes.
-        inputs: Of the truth, with a leading T.
+        inputs: Inputs of the truth, with a leading T.
         seen: (K,) whether the detector has a marker.
     """
 
@@ -89,7 +90,7 @@ class Study(NamedTuple):
 
 
 def walk_scene(folder: Path, cameras: int) -> Scene[PointData]:
-    """The built-in walk in the middle of the rig, as a detector without lasting errors sees it."""
+    """The built-in walk in the middle of the rig, as a detector without autocorrelated errors sees it."""
     records = [rig_records(folder)[c] for c in RIG[cameras]]
     subject, seers = walking_subject(frames=f"0:{FRAMES}", rate=RATE), cameras_of_records(records)
     shift = np.append((rig_middle(records) - subject.markers.mean((0, 1)))[:2], 0.0)
@@ -119,7 +120,7 @@ def study(folder: Path, cameras: int, corrected: bool) -> Study:
 
 
 def with_errors(inputs: BodyInputs, **errors: Any) -> BodyInputs:
-    """Inputs with other errors that last."""
+    """Inputs with other autocorrelated errors."""
     return inputs._replace(errors=inputs.errors._replace(**errors))
 
 
@@ -129,8 +130,8 @@ def mended_inputs(inputs: Any, points: Floats) -> Any:
     noise = float(np.asarray(inputs.noise).mean())
     refined = bundle_adjust(cameras, points, np.ones(points.shape[:3]), noise, RATE)
     root = np.linalg.cholesky(refined.covariance)
-    told: Any = (refined.cameras, jnp.asarray(root, float))
-    seers, root = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (FRAMES, *leaf.shape)), told)
+    given: Any = (refined.cameras, jnp.asarray(root, float))
+    seers, root = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (FRAMES, *leaf.shape)), given)
     return with_errors(inputs._replace(cameras=seers), camera_root=root)
 
 
@@ -161,13 +162,13 @@ def _start(model: CompiledModel, observations: Any, inputs: Any) -> Any:
     return smoothed_moments(model, observations, inputs).mean
 
 
-def ranks(found: Study, told: Callable[[Any], Any], seed: int) -> dict[str, Floats]:
+def ranks(found: Study, given: Callable[[Any], Any], seed: int) -> dict[str, Floats]:
     """Ranks (frames, coordinates) of one replicate, of the pose and of the joints that the detector has."""
     rng = np.random.default_rng(seed)
     truth, clean = _truth(found.body, found.truth, jax.random.key(seed), found.inputs)
     hidden = ~found.seen | (rng.random(clean.shape[:3]) < GAP_SHARE)
     points = np.where(hidden[..., None], np.nan, np.asarray(clean, np.float64))
-    inputs = told(mended_inputs(found.inputs, points) if found.body.num_static else found.inputs)
+    inputs = given(mended_inputs(found.inputs, points) if found.body.num_static else found.inputs)
     alone = inputs._replace(errors=None, velocities=None, step_scale=jnp.asarray(found.pose.inputs.step_scale))
     start = _start(found.pose.model, found.pose.model.observe({"points": points}), alone)
     key = jax.random.fold_in(jax.random.key(seed), 1)
@@ -215,7 +216,7 @@ def judged_row(values: Floats) -> tuple[float, ...]:
 
 
 def main() -> None:
-    """Print and write OUTPUT/smoother_ranks.csv, anew after each case."""
+    """Print and write OUTPUT/smoother_ranks.csv, again after each case."""
     options = arguments(__doc__, cases=",".join(CASES), cameras="4,2", replicates=100, output="smoother-ranks")
     start_jax()
     folder, output = DATA, options.output

@@ -1,13 +1,13 @@
-"""Does smoothing pay? Filters and smoothers that are not bound to the filter's particles, on walks in circles.
+"""Does smoothing pay? Filters, and smoothers that are not restricted to the filter's particles, on walks in circles.
 
     POSEPPL_DATA=FOLDER python -m studies.smoothing_pays [--quick] [--cameras 1,2,4] [--seeds 3] [--output smoothing-pays]
         [--seen points] [--methods ...] [--frames 40]
 
-Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras: as points, noise 0.003 focal lengths,
-or as silhouettes, found in videos of 320 x 240 px that are rendered in a room with a camera in each corner; the random walk is
-then told 40 mm a frame. The filter is the default tracker; a smoother takes its draws. Of all joints: mean distance of means
-from the truth, mm, and the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers
-with compilation. Rows of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws those of points.
+Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras. They are seen as points, with noise
+of 0.003 focal lengths, or as silhouettes found in videos of 320 x 240 px of a rendered room with a camera in each corner; the
+random walk then moves 40 mm a frame. The filter is the default tracker; a smoother takes its draws. The table has the mean
+distance of the joints' means from the truth, mm, the coverage of central 50 % and 90 % intervals, and seconds a frame
+(smoothers: with compilation). Rows in OUTPUT/smoothing_pays.csv are reused; OUTPUT/smoothing_pays.png draws those of points.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SMOOTHERS: dict[str, dict[str, Any]] = {
 }
 POINTS, SILHOUETTES = "points", "silhouettes"
 SIZE = 320, 240
-"""Of the videos, px."""
+"""Picture size of the videos, px."""
 _KEY = 4
 """So many columns tell which run it was."""
 _COLUMNS = ("walk", "seen", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
@@ -95,7 +95,7 @@ def runs_of(data: Path, key: tuple[str, str, str, str], methods: list[str], num_
 
 
 def draw(table: Table) -> Picture:
-    """What each smoother takes away of the filter's error, and what 90 % intervals hold, over the number of cameras.
+    """Reduction of the filter's error by each smoother, and coverage of 90 % intervals, over the number of cameras.
 
     By points, where there are any.
     """

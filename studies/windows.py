@@ -86,7 +86,7 @@ def run_of(filter: Filter, posed: Sequences) -> Callable[[jax.Array, Observation
 
 
 class Found(NamedTuple):
-    """Of each sequence: error in mm, coverages of 90 and 50 %, seconds a frame; of all frames rejection and gradients."""
+    """For each sequence error in mm, coverages of 90 and 50 %, seconds a frame; over all frames rejection and gradients."""
 
     errors: np.ndarray
     wide: np.ndarray

@@ -37,6 +37,7 @@ from poseppl.smoothers import (
     genealogy_smoother,
     gibbs_smoother,
     laplace_smoother,
+    mixture_variational_smoother,
     particle_gibbs_smoother,
     particle_mgrad_smoother,
     rauch_tung_striebel_smoother,
@@ -284,7 +285,7 @@ FILTERS: list[FilterRow] = [
 
 
 MOMENTS = ("means", "covariances", "neighbours")
-"""Of the smoothing distribution; the last are of each frame's state with the next one's."""
+"""Moments of the smoothing distribution; the last are of each frame's state with the next one's."""
 
 
 class SmootherRow(NamedTuple):
@@ -299,7 +300,7 @@ class SmootherRow(NamedTuple):
         draws: Whether another key makes other draws; else it uses none.
         multimodal: Whether it weighs every mode that the filter found, however far apart.
         num_replicates: Independent runs (of filter and smoother) that the statistical laws make.
-        num_particles: Of the particle filter whose history it takes.
+        num_particles: Number of particles of the particle filter whose history it takes.
         lag: Later frames whose data a frame knows; None knows all. Given those, it is consistent.
         moments: Those that are exact on a linear Gaussian model, with more particles or draws.
         variant: Whether it is a second setting of a smoother that has a row: its laws are slow tests.
@@ -430,6 +431,31 @@ SMOOTHERS: list[SmootherRow] = [
         "laplace", laplace_smoother, lambda model: laplace_smoother(model, num_draws=500), consistent=False, multimodal=False
     ),
     SmootherRow(
+        "variational",
+        variational_smoother,
+        lambda model: variational_smoother(model, num_steps=50, num_samples=4),
+        consistent=False,
+        multimodal=False,
+        costly=True,
+    ),
+    SmootherRow(
+        "variational-pathfinder",
+        variational_smoother,
+        lambda model: variational_smoother(model, num_steps=50, num_samples=4, start="pathfinder"),
+        consistent=False,
+        multimodal=False,
+        variant=True,
+    ),
+    SmootherRow(
+        "variational-mean-field",
+        variational_smoother,
+        lambda model: variational_smoother(model, num_steps=50, num_samples=4, family="mean-field"),
+        consistent=False,
+        multimodal=False,
+        moments=("means",),
+        variant=True,
+    ),
+    SmootherRow(
         "trajectory-nuts",
         trajectory_smoother,
         lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
@@ -463,9 +489,9 @@ SMOOTHERS: list[SmootherRow] = [
         variant=True,
     ),
     SmootherRow(
-        "variational",
-        variational_smoother,
-        lambda model: variational_smoother(
+        "mixture-variational",
+        mixture_variational_smoother,
+        lambda model: mixture_variational_smoother(
             model, num_components=1, num_rounds=2, mixture=MixtureSettings(covariance="free", num_steps=2)
         ),
         num_particles=1000,
@@ -473,9 +499,9 @@ SMOOTHERS: list[SmootherRow] = [
         costly=True,
     ),
     SmootherRow(
-        "variational-frames",
-        variational_smoother,
-        lambda model: variational_smoother(
+        "mixture-variational-frames",
+        mixture_variational_smoother,
+        lambda model: mixture_variational_smoother(
             model, num_components=20, num_draws=200, factorised=True, mixture=MixtureSettings(correction="none")
         ),
         consistent=False,

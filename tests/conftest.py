@@ -1,8 +1,8 @@
 """Options and fixtures of all tests: their tiers, the recordings, and a compile cache that outlives the run.
 
-A test without a mark is of the default tier. What compiles a large program or starts several processes is marked `full`, and a
-long statistical check `slow`. `--full` runs the first two tiers, `--slow` all three. `python tests/durations.py` prints what a
-test takes.
+A test without a mark is of the default tier. Tests that compile a large program or start several processes are marked `full`,
+and long statistical checks `slow`. `--full` runs the first two tiers, `--slow` all three. `python tests/durations.py` prints
+the time of each test.
 """
 
 from __future__ import annotations

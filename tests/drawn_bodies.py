@@ -28,7 +28,7 @@ def drawn_result(
         frames: (T,) numbers.
         rate: Frames a second.
         body_name: A builder of poseppl_models.bodies.choo_fleet.
-        num_draws: Of each frame.
+        num_draws: Number of draws of each frame.
     """
     body, rng = BUILDERS[body_name](), np.random.default_rng(3)
     free = list(body.free_coordinates)

@@ -1,4 +1,4 @@
-"""Where the time of the tests goes: seconds of each file and test, and how many of them JAX traces, lowers and compiles.
+"""Time of the tests: seconds of each file and test, and how many of them JAX traces, lowers and compiles.
 
     python tests/durations.py                            the default tests, with two processes and an empty compile cache
     python tests/durations.py --full -k kalman           other options are pytest's

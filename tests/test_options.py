@@ -1,4 +1,4 @@
-"""What the options of tests/conftest.py do, and that tests may be started in the background."""
+"""The options of tests/conftest.py, and tests that are started in the background."""
 
 import os
 import shutil

@@ -41,7 +41,7 @@ CHOSEN = [row for row in FILTERS if row.name in ("particle", "hmc", "assumed-den
 
 
 def run_python(code: str, *arguments: str) -> str:
-    """What a new process prints; warnings are errors in it."""
+    """Output of a new process; warnings are errors in it."""
     environment = os.environ | {"PYTHONWARNINGS": "error"}
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True, timeout=PATIENCE, env=environment
@@ -153,7 +153,7 @@ def test_the_main_job_at_a_tiny_size(name: str, tmp_path: Path, capsys: pytest.C
 
 
 def check_arviz(tree: object) -> None:
-    """Its functions take the result as it is, and give what the result's own diagnostics give."""
+    """Its functions accept the result unchanged, and agree with the result's own diagnostics."""
     table = arviz_stats.summary(tree, var_names=["state"], group=FLAT)
     assert len(table) == 4 * 28 and {"mean", "sd"} <= set(table.columns)
     effective, rhat = (function(tree, var_names=["state"], group=FLAT) for function in (arviz_stats.ess, arviz_stats.rhat))

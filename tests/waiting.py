@@ -17,7 +17,7 @@ def wait_until(condition: Callable[[], Any], *, process: Popen[Any] | None = Non
 
     Args:
         condition: It is asked every 20 ms.
-        process: Who brings it about; where it ends before, nothing is waited for.
+        process: Process that makes it true; if it ends before, waiting ends.
 
     Raises:
         AssertionError: The process has ended, or patience has.

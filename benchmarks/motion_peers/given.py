@@ -1,4 +1,4 @@
-"""What every library is given of a recording, and what it gives back, as files that need NumPy alone."""
+"""Input of every library from a recording, and its output, as files that need NumPy alone."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def write_given(folder: Path, given: Given) -> None:
 
 
 def read_given(folder: Path) -> dict[str, Given]:
-    """What was written, by the sets' names."""
+    """Read the files, by the sets' names."""
     found = {}
     for name in map(set_name, SETS):
         path = folder / "given" / f"{name}.npz"

@@ -1,4 +1,4 @@
-"""What libraries are given of the recording, and how good their answers are."""
+"""Input of libraries from the recording, and scores of their output."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
 
 def data_folder() -> Path:
-    """Where the recording is."""
+    """Folder of the recording."""
     return DATA / "pose2sim_balancing"
 
 
@@ -118,7 +118,7 @@ def two(values: Any) -> tuple[float, float]:
 
 
 def predicted(found: Found, left_out: Sequence[int], full: KeypointScene, known: Any) -> tuple[float, ...]:
-    """Of keypoints in cameras that are left out: median and 95th percentile of the error, 50 and 90 % coverage."""
+    """Score keypoints in held-out cameras: median and 95th percentile of the error, 50 and 90 % coverage."""
     errors = [np.where(known, distances(found.places, full, camera), np.nan) for camera in left_out]
     rng, shares = np.random.default_rng(0), []
     if found.draws is not None:
@@ -147,10 +147,10 @@ def rows_of(output: Path, cameras: tuple[int, ...], full: KeypointScene, publish
     rows = []
     for each in answers:
         error = np.linalg.norm(each.places - reference, axis=-1)
-        told = np.linalg.norm(each.places - published, axis=-1)
+        from_published = np.linalg.norm(each.places - published, axis=-1)
         missing = float(1 - np.isfinite(each.places).all(-1).mean())
         error_2d, error_2d_95, *shares = predicted(each, left_out, full, known)
-        numbers = (*two(error[known]), *two(error), two(told[known])[0], error_2d, error_2d_95, missing, *shares)
+        numbers = (*two(error[known]), *two(error), two(from_published[known])[0], error_2d, error_2d_95, missing, *shares)
         seconds = (*each.seconds, np.nan)[:2]
         rows.append((set_name(cameras), each.library, each.method, *numbers, *joints_held(each.draws, reference), *seconds))
     return rows

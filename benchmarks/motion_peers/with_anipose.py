@@ -34,7 +34,7 @@ def camera_group(given: Given) -> CameraGroup:
 
 
 def methods(given: Given) -> dict[str, Callable[[], Answer]]:
-    """What is compared."""
+    """Methods that are compared."""
     group, points = camera_group(given), np.moveaxis(given.points, 1, 0)
     names = list(given.names)
     constraints = [[names.index(a), names.index(b)] for a, b in SEGMENTS]

@@ -1,8 +1,8 @@
 """EKS, the ensemble Kalman smoother of several calibrated cameras: with one network's points, and with the noise measured here.
 
 It takes the variance of a point from an ensemble of networks. There is one detector here, for which it assumes a variance of
-1 / confidence px^2 by itself ("one network"). "Noise measured" gives it three members, a point and one to each side of it,
-whose variance over the confidence is the squared noise that poseppl measures in the same cameras. It takes no missing points:
+1 / confidence px^2 by itself ("one network"). "Noise measured" gives it three members, a point and one to each side of it.
+Their variance over the confidence is the squared noise that poseppl measures in the same cameras. It takes no missing points:
 they are interpolated between frames, with a confidence of 0.001. Its posterior has variances of x, y and z alone, whose draws
 are taken for independent.
 """
@@ -52,7 +52,7 @@ def members(given: Given, *, measured: bool) -> Any:
 
 
 def methods(given: Given) -> dict[str, Callable[[], Answer]]:
-    """What is compared."""
+    """Methods that are compared."""
     names, cameras = [str(name) for name in given.names], [f"cam{number}" for number in given.cameras]
     turns = [Rotation.from_matrix(turn).as_rotvec() for turn in given.rotation]
     group = CameraGroup(

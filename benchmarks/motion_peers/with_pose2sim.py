@@ -1,10 +1,10 @@
 """Pose2Sim: its triangulation, and its filtering after it, with its default configuration, on files in a temporary folder.
 
-Defaults: confidence of at least 0.3, cameras with too large an error left out (15 px), gaps of at most 20 frames interpolated
-and others filled with the last value, then outliers rejected and Butterworth's low-pass of fourth order, 6 Hz. Only what is
-told differs: where the project is, layout BODY_25B, 60 frames a second, no figures, no C3D. It is given OpenPose's files with
-the right person alone and the fourteen joints. Seconds hold the reading and writing of files. Frames that it trims have no
-place.
+Defaults: confidence of at least 0.3, cameras with too large an error left out (15 px), and gaps of at most 20 frames
+interpolated, others filled with the last value. Then outliers are rejected, and Butterworth's low-pass of fourth order has 6
+Hz. The only other settings are the project's folder, layout BODY_25B, 60 frames a second, no figures, no C3D. It gets
+OpenPose's files with the right person alone and the fourteen joints. Seconds hold the reading and writing of files. Frames that
+it trims have no place.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NAMES = {
         for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     },
 }
-"""What it calls the joints."""
+"""Its names of the joints."""
 POINTS = 25
 UNTOLD = {"display_figures": False, "save_filt_plots": False, "make_c3d": False}
 
@@ -85,7 +85,7 @@ def read_places(path: Path, given: Given) -> Any:
 
 
 def methods(given: Given) -> dict[str, Callable[[], Answer]]:
-    """What is compared."""
+    """Methods that are compared."""
 
     def run() -> Answer:
         with tempfile.TemporaryDirectory() as name:

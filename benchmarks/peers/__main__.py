@@ -1,10 +1,10 @@
 """Time one library on a job, in the environment that it is installed in: python -m benchmarks.peers LIBRARY [--runs 20].
 
-It prints the lines of the library's file, the processor seconds of the first run, compilation included, the median
-milliseconds of later ones, and the error of the means in exact standard deviations (of the chaotic job: from the truth).
-Processor time is that of all the process's threads; other work on the machine disturbs it less than the clock's. Libraries need
-not agree on what they build on, so each has an environment of its own; without a name, the libraries are listed. Names without
-a job are those of the drifting level; NAME_linear, NAME_lorenz and NAME_markov are the others.
+It prints the lines of the library's file (with another library file that it imports), the processor seconds of the first run,
+compilation included, and the median milliseconds of later ones. The last column is the error of the means in exact standard
+deviations (for the chaotic job the error from the truth). Processor time is that of all the process's threads; other work on
+the machine disturbs it less than the clock's. Libraries need not agree on what they build on, so each has an environment of its
+own; without a name, the libraries are listed. Names without a job are those of the drifting level; others end in the job.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[0] = str(HERE)
 LIBRARIES = sorted(file.stem for file in HERE.glob("with_*.py"))
 
 
 def count_lines(path: Path) -> int:
-    """Lines of a file that are neither blank, comment, docstring nor an import from the future."""
+    """Lines of a file, and of files beside it that it imports, without blanks, comments, docstring and future imports."""
     source = path.read_text(encoding="utf-8")
     docstring = ast.parse(source).body[0].end_lineno or 0
-    rest = (line.strip() for line in source.splitlines()[docstring:])
-    return sum(bool(line) and not line.startswith(("#", "from __future__")) for line in rest)
+    rest = [line.strip() for line in source.splitlines()[docstring:]]
+    imported = (path.with_name(f"{line.split()[1]}.py") for line in rest if line.startswith("import with_"))
+    own = sum(bool(line) and not line.startswith(("#", "from __future__")) for line in rest)
+    return own + sum(count_lines(each) for each in imported)
 
 
 def main() -> None:
@@ -41,6 +42,7 @@ def main() -> None:
     if given.library is None:
         print(*(name.removeprefix("with_") for name in LIBRARIES), sep="\n")
         return
+    sys.path[0] = str(HERE)
     module = importlib.import_module(f"with_{given.library}")
     job = importlib.import_module(getattr(module, "JOB", "job"))
     data = job.draw()

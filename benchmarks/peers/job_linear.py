@@ -35,5 +35,5 @@ def exact(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             precision[t, :, t - 1], precision[t - 1, :, t] = -A / VARIANCE, -A.T / VARIANCE
     size = NUM_FRAMES * DIMENSION
     covariance = np.linalg.inv(precision.reshape(size, size))
-    told = np.pad(data, ((0, 0), (0, DIMENSION - SEEN))).ravel() / VARIANCE
-    return (covariance @ told).reshape(data.shape[0], -1), np.sqrt(np.diagonal(covariance)).reshape(data.shape[0], -1)
+    information = np.pad(data, ((0, 0), (0, DIMENSION - SEEN))).ravel() / VARIANCE
+    return (covariance @ information).reshape(data.shape[0], -1), np.sqrt(np.diagonal(covariance)).reshape(data.shape[0], -1)

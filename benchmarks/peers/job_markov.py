@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 NUM_FRAMES = 1000
 STAY, MEANS, SCALES = (0.95, 0.9), (0.0, 1.5), (0.5, 1.0)
 START = np.array([0.8, 0.8, -0.5, 1.0, 1.0, 1.0])
-"""Where searches begin: probabilities of staying, means, deviations."""
+"""Start of searches: probabilities of staying, means, standard deviations."""
 
 
 def draw() -> np.ndarray:
@@ -26,7 +26,7 @@ def draw() -> np.ndarray:
 
 
 def log_likelihood(values: np.ndarray, data: np.ndarray) -> float:
-    """Of probabilities of staying, means and deviations (6,)."""
+    """Log-likelihood of probabilities of staying, means and standard deviations (6,)."""
     (stay, leave), mean, scale = values[:2], values[2:4], values[4:]
     moves, probability, total = np.array([[stay, 1 - stay], [1 - leave, leave]]), np.array([0.5, 0.5]), 0.0
     densities = np.exp(-0.5 * ((data[:, None] - mean) / scale) ** 2) / scale / np.sqrt(2 * np.pi)

@@ -1,17 +1,21 @@
-"""The job of hidden states in poseppl: SciPy's optimiser on the likelihood of the exact filter and its gradient."""
+"""The job of hidden states in poseppl: the likelihood's maximum by the gradient of the exact filter."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
-from jax.scipy.special import expit, logit
 from job_markov import START
-from scipy.optimize import minimize
 
 import poseppl
+from poseppl.filters import hidden_markov_filter
 
-NAME, PACKAGE, METHOD, JOB = "poseppl", "poseppl", "gradient of `log_likelihood`", "job_markov"
+NAME, PACKAGE, METHOD, JOB = "poseppl", "poseppl", "`fit`, hidden Markov filter", "job_markov"
+
+
+def parameters():
+    numpyro.sample("stay", dist.Beta(2.0, 2.0).expand([2]).to_event(1))
+    numpyro.sample("mean", dist.Normal(jnp.zeros(2), 2.0).to_event(1))
+    numpyro.sample("scale", dist.LogNormal(jnp.zeros(2), 1.0).to_event(1))
 
 
 def initial(params, inputs):
@@ -27,22 +31,11 @@ def observation(params, state, inputs):
 
 
 def prepare(data):
-    start = {"stay": jnp.array(START[:2]), "mean": jnp.array(START[2:4]), "scale": jnp.array(START[4:])}
-    model = poseppl.StateSpaceModel(initial, transition, observation).compile(params=start)
-    seen = model.observe({"z": data})
-
-    def params(u):
-        return {"stay": expit(u[:2]), "mean": u[2:4], "scale": jnp.exp(u[4:])}
-
-    @jax.jit
-    @jax.value_and_grad
-    def loss(u):
-        return -poseppl.log_likelihood(model, params(u), seen, poseppl.filters.hidden_markov_filter)
-
-    begin = np.concatenate([logit(start["stay"]), start["mean"], jnp.log(start["scale"])])
+    model = poseppl.StateSpaceModel(initial, transition, observation, parameters).compile()
+    start = {"stay": START[:2], "mean": START[2:4], "scale": START[4:]}
 
     def run(seed):
-        found = params(minimize(loss, begin, jac=True, method="L-BFGS-B").x)
-        return np.concatenate([found["stay"], found["mean"], found["scale"]])
+        found = poseppl.fit(model, {"z": data}, hidden_markov_filter, start=start)["estimate"]
+        return np.concatenate([found[name] for name in start])
 
     return run

@@ -16,8 +16,8 @@ class Page(HTMLParser):
         title: Its title.
         headings: The number of its main headings.
         targets: Ids and names that links can go to.
-        links: What it links to, and what it fetches.
-        fetches: What a browser fetches with it.
+        links: Targets of its links, and files that it fetches.
+        fetches: Files that a browser fetches with it.
     """
 
     def __init__(self, text: str) -> None:

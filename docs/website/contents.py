@@ -21,7 +21,8 @@ PARTS = (
         "Tutorials",
         (
             "docs/quickstart",
-            *(f"docs/tutorials/{name}" for name in ("smoothing", "sampler", "parameters", "forecasting")),
+            *(f"docs/tutorials/{name}" for name in ("smoothing", "sampler", "report", "parameters", "forecasting", "epidemic")),
+            "docs/tutorials/cameras",
             "docs/your_cameras",
             "notebooks/index",
         ),
@@ -30,7 +31,11 @@ PARTS = (
     Part(
         "How-to guides",
         tuple(
-            f"docs/{name}" for name in ("your_model", "choosing", "verdicts", "keypoints", "points", "likelihoods", "opensim")
+            f"docs/{name}"
+            for name in (
+                *("your_model", "fitting", "diffuse", "earlier_data", "substeps", "variational", "choosing"),
+                *("verdicts", "keypoints", "points", "likelihoods", "opensim", "gait"),
+            )
         ),
         "docs/*.md",
     ),
@@ -42,6 +47,7 @@ PARTS = (
     Part(
         "Reference",
         (
+            "docs/commands",
             "command_line",
             "reference/index",
             "docs/algorithms",
@@ -49,7 +55,7 @@ PARTS = (
         ),
     ),
     Part("Validation", ("docs/validation/index",), "docs/validation/*.md"),
-    Part("Papers", ("docs/errata",), "docs/*/page.md"),
+    Part("Papers", ("docs/validation/errata",), "docs/*/page.md"),
     Part("Develop", ("CONTRIBUTING", "docs/architecture", "CHANGELOG")),
 )
 

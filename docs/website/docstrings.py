@@ -60,7 +60,7 @@ def _process(app: Sphinx, what: str, name: str, documented: Any, options: Any, l
 
 
 def _skip(app: Sphinx, what: str, name: str, documented: Any, skip: bool, options: Any) -> bool | None:
-    """Leave out fields of tuples, which `Attributes` tells of, and methods that other libraries put into our classes."""
+    """Leave out fields of tuples, which `Attributes` describes, and methods that other libraries add to our classes."""
     foreign = callable(documented) and not str(getattr(documented, "__module__", "poseppl")).startswith("poseppl")
     return True if type(documented).__name__ == "_tuplegetter" or (foreign and what == "class") else None
 

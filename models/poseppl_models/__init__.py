@@ -4,6 +4,7 @@ BODIES = (
     "poseppl_models.bodies.choo_fleet:full_body",
     "poseppl_models.bodies.choo_fleet:lower_body",
     "poseppl_models.bodies.choo_fleet:arm",
+    "poseppl_models.bodies.footed:footed_body",
     "poseppl_models.darby.marker_body:full_body",
     "poseppl_models.peursum.marker_body:full_body",
     "poseppl_models.bodies.silhouettes:full_body",

@@ -28,7 +28,7 @@ from poseppl_papers.tables import Table
 
 Tables = Mapping[str, Table]
 Results = Mapping[str, Mapping[str, Any]]
-"""What jobs have found, by their keys."""
+"""Results of jobs, by their keys."""
 Jobs = Mapping[str, Sequence[Any]]
 """Jobs of a part by the name of their task."""
 Section = Callable[[Tables], str]
@@ -36,6 +36,8 @@ Section = Callable[[Tables], str]
 Pictures = Mapping[str, Picture]
 """Figures by the name of their file."""
 
+UNPUBLISHED = "not in the paper"
+"""Theirs, of a claim on a method of our own."""
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
 
@@ -58,7 +60,7 @@ class Claim(NamedTuple):
 
 
 Decide = Callable[[Tables], Claim | Iterable[Claim]]
-"""What tables decide."""
+"""Function that decides claims from tables."""
 
 
 class Task(NamedTuple):
@@ -82,14 +84,14 @@ class Part(NamedTuple):
     """A part of an experiment, which can be run alone.
 
     Attributes:
-        about: What it measures, in a few words.
+        about: Quantity that it measures, in a few words.
         plan: The tasks by name, from the scale and the recordings; they are run one after the other. Parts may share jobs,
             which are computed once.
         tabulate: The tables, from the jobs by task and their results.
         draw: The figures, from the tables of this call, the jobs and their results.
         runs: How many runs the tables sum up, from the scale.
         all_recordings: Whether it sees all recordings; otherwise the first.
-        seen: What it sees in place of recordings, if it needs none.
+        seen: Data that it uses in place of recordings, if it needs none.
     """
 
     about: str
@@ -106,9 +108,9 @@ class Experiment(NamedTuple):
 
     Attributes:
         name: As the command line has it, such as "choo-fleet-2001".
-        title: Of its page.
-        setting: What all parts have in common, a paragraph.
-        departures: Where this departs from the paper, a list in Markdown.
+        title: Title of its page.
+        setting: Common setting of all parts, a paragraph.
+        departures: Departures from the paper, a list in Markdown.
         full: Scale of the paper: how much is computed, as the parts' plans take it.
         quick: The same in minutes.
         parts: By name.
@@ -132,7 +134,7 @@ class Experiment(NamedTuple):
 
 
 def verdict_of(holds: bool, fails: bool | None = None) -> str:
-    """Word a verdict: undecided where a claim neither holds nor fails; what does not hold fails, if it is not told."""
+    """Word a verdict: undecided if a claim neither holds nor fails; without `fails`, a claim that does not hold fails."""
     return HOLDS if holds else FAILS if fails is None or fails else UNDECIDED
 
 

@@ -18,7 +18,7 @@ MATTERS = 0.1
 
 
 class Interval(NamedTuple):
-    """A mean and the interval that it is told with; NaN where nothing is known of it, which decides nothing."""
+    """A mean and its reported interval; NaN if it is unknown, which decides nothing."""
 
     mean: float
     low: float
@@ -33,7 +33,7 @@ class Interval(NamedTuple):
         """The part between two values."""
         return Interval(self.mean, max(self.low, least), min(self.high, most))
 
-    def told(self, spec: str = ".0f", unit: str = "") -> str:
+    def text(self, spec: str = ".0f", unit: str = "") -> str:
         """As "3 mm (-2 to 8)", or "3 mm" where nothing is known of its error."""
         if not math.isfinite(self.high - self.low):
             return f"{self.mean:{spec}}{unit}"
@@ -86,7 +86,7 @@ class Measured(NamedTuple):
         """Two standard errors to both sides."""
         return Interval.around(self.mean, 2 * self.error)
 
-    def told(self, digits: int = 0) -> str:
+    def text(self, digits: int = 0) -> str:
         """As "139 +- 11", with the standard deviation over runs."""
         spread = "" if math.isnan(self.spread) else f" +- {self.spread:.{digits}f}"
         return f"{self.mean:.{digits}f}{spread}"

@@ -1,4 +1,4 @@
-"""The page of an experiment: each claim, theirs and ours, whether it holds, and why; made of what a folder holds alone."""
+"""The page of an experiment: each claim, published and ours, with a verdict and the reason; made from its folder alone."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from poseppl.files.atomic_writing import write_atomically
-from poseppl_papers.experiment import Experiment, Section, Tables
+from poseppl_papers.experiment import UNPUBLISHED, Experiment, Section, Tables
 from poseppl_papers.provenance import Kept, read_folder
 from poseppl_papers.tables import markdown
 
-PAGE, ERRATA = "page.md", "errata.md"
-CLAIM_COLUMNS = ("claim", "theirs", "ours", "verdict", "why")
+PAGE, ERRATA = "page.md", "validation/errata.md"
+CLAIM_COLUMNS = ("claim", "published", "ours", "verdict", "why")
 
 
 def write_page(experiment: Experiment, folder: Path) -> Path:
@@ -34,10 +34,14 @@ def page_of(experiment: Experiment, folder: Path) -> str:
     """
     kept = read_folder(folder)
     tables = {name: each.table for name, each in kept.items()}
-    parts = [f"# {experiment.title}", experiment.setting, "Where this departs from the paper:", experiment.departures]
-    parts += _errata(experiment, folder)
-    sections: Mapping[str, Section] = {"Claims": partial(claims_of, experiment), **experiment.sections}
-    for title, section in sections.items():
+    parts = [f"# {experiment.title}", experiment.setting]
+    departures = "\n\n".join([experiment.departures, *_errata(experiment, folder)])
+    leading: Mapping[str, Section] = {
+        "Claims": partial(claims_of, experiment),
+        "Not in the paper": partial(claims_of, experiment, published=False),
+        "Departures from the paper": lambda _: departures,
+    }
+    for title, section in {**leading, **experiment.sections}.items():
         text = section(tables)
         parts += [f"## {title}", text] if text else []
     for file, title in experiment.pictures.items():
@@ -52,13 +56,13 @@ def page_of(experiment: Experiment, folder: Path) -> str:
 def _errata(experiment: Experiment, folder: Path) -> list[str]:
     """A link to the list of errata, where the folder is beside one that has this paper."""
     path = folder.parent / ERRATA
-    listed = path.exists() and f"({experiment.name}/{PAGE})" in path.read_text(encoding="utf-8")
+    listed = path.exists() and f"(../{experiment.name}/{PAGE})" in path.read_text(encoding="utf-8")
     return [f"Statements of the paper that are wrong or contradict each other: [errata](../{ERRATA})."] if listed else []
 
 
-def claims_of(experiment: Experiment, tables: Tables) -> str:
-    """The claims as a Markdown table; nothing where the tables decide none."""
-    return markdown(CLAIM_COLUMNS, experiment.claims(tables))
+def claims_of(experiment: Experiment, tables: Tables, *, published: bool = True) -> str:
+    """The paper's claims, or those that are not in it, as a Markdown table; nothing where the tables decide none."""
+    return markdown(CLAIM_COLUMNS, [each for each in experiment.claims(tables) if (each.theirs != UNPUBLISHED) == published])
 
 
 def _shown(name: str, kept: Kept) -> list[str]:

@@ -1,7 +1,7 @@
 """Tables of a folder, and how each was made: CSV files and one record of them, tables.json.
 
-A call that makes some of the tables keeps the others, so that a page made from the folder tells all of them, each with its own
-number of runs, recordings, date and versions.
+A call that makes some of the tables keeps the others. So a page made from the folder lists all tables, each with its own number
+of runs, recordings, date and versions.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class Provenance(NamedTuple):
 
     Attributes:
         runs: How many runs it sums up, and whether those are the paper's numbers.
-        recordings: Who was seen.
+        recordings: Recordings of the people that were seen.
         date: Day on which the table was written, ISO 8601.
         versions: Libraries with their versions.
         command: The command line that makes it again.
-        note: What else a reader should know; may be empty.
+        note: Note for the reader; may be empty.
     """
 
     runs: str

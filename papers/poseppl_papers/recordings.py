@@ -1,4 +1,4 @@
-"""Recordings that experiments look at, named and told apart by what their files hold."""
+"""Recordings of experiments, identified by the content of their files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Recording:
     """A motion to look at; the built-in walk where ``path`` is None.
 
     Attributes:
-        name: What it is called in tables.
+        name: Name in tables.
         path: The recording, as :func:`poseppl.motion.io.read_motion` reads it, or a folder of pictures.
         skeleton: Its skeleton, where the format has one apart.
         digest: Hash of both, so that results of another file are not taken for its own.
@@ -41,7 +41,7 @@ class Recording:
         return cls(name, str(given[0]), str(given[1]) if len(given) > 1 else None, digest.hexdigest()[:16])
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The name, and that of the file."""
         return f"{self.name} ({Path(self.path).name})" if self.path else self.name
 

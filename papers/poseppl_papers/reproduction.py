@@ -34,12 +34,12 @@ def reproduce(
 
     Args:
         experiment: The experiment.
-        folder: Where jobs (``jobs/``), tables (CSV, ``tables.nc``), figures (PNG) and the page (``page.md``) go.
+        folder: Folder of jobs (``jobs/``), tables (CSV, ``tables.nc``), figures (PNG) and the page (``page.md``).
         parts: Names of the parts; if empty, all, or those that the built-in walk is enough for where nothing else is seen.
-        recordings: Who is seen; parts that see one take the first.
+        recordings: Recordings of the people that are seen; parts with one person use the first.
         scale: How much is computed; the experiment's ``full`` if None.
         executor: As :func:`poseppl.jobs.run_jobs` takes it.
-        progress: Who is told.
+        progress: Callback for the progress.
 
     Returns:
         The tables of these parts by name.
@@ -111,8 +111,8 @@ def _provenance(experiment: Experiment, part: str, scale: Any, recordings: Seque
 
 def _seen(table: Table, part: Part, recordings: Sequence[Recording]) -> str:
     """Recordings of a table: those that it names, or those of its part."""
-    told = {recording.name: recording.told for recording in recordings}
-    names = list(told) if part.all_recordings else [recordings[0].name]
+    described = {recording.name: recording.description for recording in recordings}
+    names = list(described) if part.all_recordings else [recordings[0].name]
     if "recording" in table.columns:
         names = list(dict.fromkeys(table.column("recording")))
-    return part.seen or ", ".join(told.get(name, name) for name in names)
+    return part.seen or ", ".join(described.get(name, name) for name in names)

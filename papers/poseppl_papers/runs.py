@@ -22,6 +22,6 @@ def stacked(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def joined(jobs: Sequence[Any], results: Results) -> dict[str, Floats]:
-    """What jobs have found, their runs one after the other, in double precision."""
+    """Results of jobs, their runs one after the other, in double precision."""
     blocks = [results[job.key] for job in jobs]
     return {name: np.concatenate([np.asarray(block[name], float) for block in blocks]) for name in blocks[0]}

@@ -20,10 +20,10 @@ class Table(NamedTuple):
     """Rows under named columns.
 
     Attributes:
-        name: Of the table and its file.
+        name: Name of the table and its file.
         columns: Names.
         rows: One value for each column: texts, integers or floats.
-        about: What the columns mean, in a sentence or two.
+        about: Meaning of the columns, in a sentence or two.
     """
 
     name: str

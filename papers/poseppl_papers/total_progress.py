@@ -17,9 +17,9 @@ class TotalProgress:
     jobs which take as long as those before, whatever their task.
 
     Args:
-        progress: Who is told of all of them.
+        progress: Callback for the progress of all of them.
         tasks: The tasks; those that share a job have it once.
-        folder: Where results are.
+        folder: Folder of the results.
     """
 
     def __init__(self, progress: JobProgress, tasks: Sequence[Task], folder: Path) -> None:
@@ -32,18 +32,18 @@ class TotalProgress:
         progress.started(len(jobs), len(jobs) - len(missing), sum(missing.values()))
 
     def of_task(self, task: Task) -> JobProgress:
-        """Who is told of one of them."""
+        """Callback for one of them."""
         return _Share(self._progress, mean_cost(task))
 
 
 class _Share:
-    """Passes on what is told of one task."""
+    """Passes on the progress of one task."""
 
     def __init__(self, progress: JobProgress, unit: float) -> None:
         self._progress, self._unit = progress, unit
 
     def started(self, total: int, done: int, cost: float) -> None:
-        """All tasks were told of together."""
+        """Do nothing: all tasks were reported together."""
 
     def finished(self, cost: float) -> None:
         """One more job is done or has failed."""

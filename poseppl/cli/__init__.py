@@ -1,4 +1,4 @@
-"""The command line: track, run, batch, smooth, simulate, report, export, overlay, compare, reproduce, and others; and lists.
+"""The command line: track, run, fit, batch, smooth, simulate, report, export, compare, reproduce, and others; and lists.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -17,18 +17,26 @@ import click
 
 from poseppl import small_loops
 from poseppl.cli.batch import batch as batch_command
+from poseppl.cli.batch_keypoints import keypoints as trials_command
 from poseppl.cli.calibrate_detector import calibrate_detector as calibrate_detector_command
 from poseppl.cli.compare import compare as compare_command
+from poseppl.cli.demo import demo as demo_command
 from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.export import export as export_command
-from poseppl.cli.gait import fit_gait as gait_command
+from poseppl.cli.fit import fit as fit_command
+from poseppl.cli.gait import fit_gait as fit_gait_command
+from poseppl.cli.gait_report import gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.overlay import overlay as overlay_command
 from poseppl.cli.remedies import as_options
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.run import run as run_command
-from poseppl.cli.settings import filters as filters_command, smoothers as smoothers_command
+from poseppl.cli.settings import (
+    filters as filters_command,
+    methods as methods_command,
+    smoothers as smoothers_command,
+)
 from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
@@ -38,7 +46,7 @@ from poseppl.files.atomic_writing import files_written
 from poseppl.files.cache_folder import ensure_home
 
 _FATAL = "3"
-"""Level of XLA's log on stderr. What fails is an exception, too; other errors there only tell of long compilations."""
+"""Level of XLA's log on stderr. Failures are also exceptions; other errors there only report long compilations."""
 _NAMED = 5
 """Files of a folder that a message names."""
 
@@ -60,13 +68,16 @@ Examples:
   poseppl track                              a built-in walk, seen by one camera
   poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
   poseppl run model.py --data series.csv     your own model on your own data
+  poseppl fit model.py --data series.csv     its parameters, with standard errors
   poseppl smooth poseppl-02_01.nc            every frame given all frames
   poseppl filters                            the algorithms of track --filter, and their settings
   poseppl report poseppl-02_01.nc            its report, one HTML file
   poseppl export poseppl-02_01.nc            joints and angles for OpenSim, with intervals
+  poseppl gait poseppl-cam1-laplace.nc       steps and joint angles of a walk, with intervals
   poseppl overlay poseppl-02_01.nc cam1.mp4   skeletons over a video
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track keypoints --help             the options of a source
+  poseppl demo walk                          a recording of four cameras to try it with
   poseppl doctor                             what is installed, and what is missing
 """,
 )
@@ -79,6 +90,7 @@ def cli() -> None:
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", _FATAL)
 
 
+batch_command.add_command(trials_command)
 for command in (
     track_command,
     run_command,
@@ -86,12 +98,16 @@ for command in (
     smooth_command,
     filters_command,
     smoothers_command,
+    fit_command,
+    methods_command,
     simulate_command,
+    demo_command,
     report_command,
     export_command,
     overlay_command,
     compare_command,
     reproduce_command,
+    fit_gait_command,
     gait_command,
     motion_command,
     calibrate_detector_command,
@@ -136,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"{where}{error.strerror or error}", debug)
     except MemoryError:
         _say("out of memory; try fewer particles, chains, draws or frames", debug)
-    except Exception as error:  # a fault of ours: still one message, and how to see more
+    except Exception as error:  # our fault: still one message, and how to see more
         _say(f"unexpected {type(error).__name__}: {_first_line(error)} (--debug shows where)", debug)
     return 1
 

@@ -52,15 +52,15 @@ class CalibrateCommand(ManyFiles):
     type=InputFile(folders=True, paths=file_of_pair),
 )
 @option_group(*options_of(KeypointSettings, *_OPTIONS))
-@seed_option("Of the draws.")
+@seed_option("Seed of the draws.")
 @common_options
 def calibrate_detector(name: str, **options: Any) -> None:
-    """Find how large the errors of a detector's keypoints are, by keypoint and by the confidence that it tells.
+    """Measure the errors of a detector's keypoints, by keypoint and by the detector's confidence.
 
-    Three cameras or more see a person. What each of them sees is compared with what the others tell of it: the scale of each
-    keypoint's error, how it grows as the logit of the confidence falls, and how many points are clutter. The table says how
-    many of the coordinates lie in intervals of 50 and 90 %, in each half of the recording with the errors found in the other,
-    and with the noise that poseppl track takes without them. poseppl track keypoints --noise NAME.json takes the errors.
+    Three or more cameras see a person. The keypoints of each camera are compared with those of the others. This gives the scale
+    of each keypoint's error, its growth as the logit of the confidence falls, and the share of clutter. The table shows the
+    coverage of 50 and 90 % intervals in each half of the recording. It compares the errors measured in the other half with the
+    noise that poseppl track would use without this file. Use the file with poseppl track keypoints --noise NAME.json.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.files import check_writable, files_read
@@ -99,17 +99,17 @@ def _rows(result: Any) -> list[tuple[str, str]]:
     from scipy.special import expit
 
     errors = result.errors
-    told = [
+    lines = [
         ("at confidence", f"{errors.confidence:.2f}"),
         ("log scale, by logit of confidence", f"{errors.slope:+.2f}"),
         ("clutter", f"{expit(errors.clutter):.2%}"),
         ("log-odds of clutter, by logit", f"{errors.clutter_slope:+.2f}"),
     ]
     for when, held in (("one noise a camera", result.before), ("other half's errors", result.after)):
-        told += [
-            (f"{when}: 50 % intervals hold", f"{held.levels[4]:.1%}"),
-            (f"{when}: 90 % intervals hold", f"{held.levels[8]:.1%}"),
+        lines += [
+            (f"{when}: coverage of 50 % intervals", f"{held.levels[4]:.1%}"),
+            (f"{when}: coverage of 90 % intervals", f"{held.levels[8]:.1%}"),
             (f"{when}: ECE", f"{held.ece:.3f}"),
             (f"{when}: mean log-density", f"{held.log_density:.3f}"),
         ]
-    return told
+    return lines

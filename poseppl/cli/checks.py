@@ -26,11 +26,11 @@ Check = Callable[[Any, str], object]
 
 
 class Checked(click.ParamType):  # type: ignore[type-arg]
-    """A value that is checked as it is parsed.
+    """A value that is checked when it is parsed.
 
     Args:
         check: The check.
-        kind: What it is read as.
+        kind: Type that it is parsed as.
     """
 
     name = "value"

@@ -30,7 +30,8 @@ Both appear whole or not at all; results are never changed.
 Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
-COVERAGE = "90 %\ncoverage,\n%"
+COVERAGE = "90 %\ncoverage\n(%)"
+RHAT = "R-\nhat"
 
 
 @click.command(epilog=EXAMPLES, short_help="Compare results on the same data.")
@@ -44,12 +45,14 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     """Compare runs of any filters or smoothers on the same data: one HTML file that opens offline.
 
     Each RESULT is a file that poseppl track or smooth wrote, called NAME, or else by its own name. For each run, frame and
-    coordinate the page shows the inefficiency factor, the effective sample size (ESS), ESS per second and per evaluation of the
-    likelihood or its gradient, rejection, R-hat, and error and coverage where the truth is known. It lists the winners by
-    coordinate, and plots the variance of the mean against time. Runs of one setting with different seeds on the same points
-    count as replicates. The table in the terminal has the seconds of all frames without compilation (wall time and processor
-    time), the median inefficiency factor τ, its mean (which a few frames that mix badly dominate, as they do the ESS), ESS per
-    second and per evaluation, the mean joint error, and the coverage of 90 % intervals of the coordinates.
+    coordinate the page shows R-hat, the inefficiency factor ± SE, the effective sample size (ESS) and rejection. It also shows
+    ESS per second, per gradient and per evaluation of the likelihood or its gradient. If the truth is known, it shows error and
+    coverage. It lists the winners by coordinate, and plots the variance of the mean against time. Runs of one setting with
+    different seeds on the same points count as replicates. Chains that disagree are reported first: there the inefficiency
+    factor says little. The table in the terminal has the seconds of all frames without compilation (wall time and processor
+    time) and the largest R-hat. It has the median inefficiency factor τ and its mean, which a few frames that mix badly
+    dominate. Further columns are ESS per second and per evaluation, the mean joint error, and the coverage of 90 % intervals of
+    the coordinates.
     """
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.files.atomic_writing import atomic_path
@@ -141,17 +144,18 @@ def _columns(comparison: Any) -> tuple[list[str], list[list[str]]]:
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
     frames = comparison.attrs["frames"]
     columns = {
-        "wall,\ns": frames * figures["seconds"],
-        "CPU,\ns": frames * figures["cpu_seconds"],
+        "wall\n(s)": frames * figures["seconds"],
+        "CPU\n(s)": frames * figures["cpu_seconds"],
+        RHAT: summary["rhat_all"],
         "τ": summary["tau_median_all"],
         "mean\nτ": summary["tau_all"],
         "ESS\n/ s": summary["ess_per_second_all"],
-        "ESS\n/ eval.": summary["ess_per_evaluation_all"],
-        "error,\nmm": summary["joint_error_all"],
+        "ESS /\neval.": summary["ess_per_evaluation_all"],
+        "error\n(mm)": summary["joint_error_all"],
     }
     rows = [
         {"run": name, COVERAGE: covered(summary, index, 0.9)}
-        | {title: shown(values.values[index]) for title, values in columns.items()}
+        | {title: shown(values.values[index], ".2f" if title == RHAT else "") for title, values in columns.items()}
         for index, name in enumerate(figures["run"].values.tolist())
     ]
     titles = [title for title, *_ in filled([(title, title, "") for title in ("run", *columns, COVERAGE)], rows)]

@@ -24,7 +24,7 @@ from rich.table import Table
 
 from poseppl.cli.remedies import as_option, as_options
 from poseppl.errors import MAX_SHOWN, cut
-from poseppl.files.cache_folder import cache_folder
+from poseppl.files.cache_folder import cache_folder, xla_folder
 from poseppl.threads import spare_threads
 
 _STYLES = {"error": "red", "warning": "yellow"}
@@ -32,12 +32,14 @@ _SECONDS_BETWEEN_LINES, _SECONDS_BETWEEN_LOOKS = 30.0, 1.0
 
 
 def start_jax(devices: int = 1) -> None:
-    """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew.
+    """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled again.
 
     Args:
         devices: Make the CPU into so many devices, at most one for each core, unless the environment says how many it is.
     """
     import jax
+
+    from poseppl.stored_programs import store_programs
 
     settings: Any = jax.config
     if devices > 1:
@@ -48,25 +50,26 @@ def start_jax(devices: int = 1) -> None:
                 settings.update("jax_num_cpu_devices", min(devices, cores))
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
-    folder = cache_folder("xla")
+    folder = xla_folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             settings.update("jax_compilation_cache_dir", str(folder))
-            settings.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+            settings.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+            store_programs(cache_folder("programs"))
 
 
 class ConsoleProgress:
     """A bar on stderr, or a line every half minute where that is no terminal; neither when asked to be quiet. Notes always.
 
-    Lines come whatever is being done, also where nothing counts it, such as compilation and smoothing. The time left is that so
-    far times the work that is left over the work that was done: of frames, those of the last half minute, each as long as any
-    other; of jobs, all of this call, with the costs that they tell.
+    Lines appear during all work, including work that is not counted, such as compilation and smoothing. The remaining time is
+    the elapsed time times the remaining work over the work done. Frames have equal costs, and those of the last half minute
+    count. Jobs have their own costs, and all jobs of this call count.
 
     Args:
         quiet: Whether to show no bar.
-        doing: What is being done while work advances.
-        unit: What is counted, frames or jobs.
+        doing: Description of the work.
+        unit: Unit of the count, frames or jobs.
     """
 
     def __init__(self, quiet: bool, doing: str = "tracking", unit: str = "frames") -> None:
@@ -189,20 +192,28 @@ def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
 
     Args:
         tree: The result, with diagnostics.
-        path: Where it was written, for the report to be made of.
+        path: File of the result, for the command that writes a report.
         quiet: Whether to write warnings and errors alone, on stderr.
-        about: What the line begins with.
+        about: Beginning of the line.
     """
     from poseppl.diagnostics import verdicts
 
     worst, *rest = verdicts(tree)
     others = sum(verdict.severity in _STYLES for verdict in rest)
     more = f" {others} more in the report: poseppl report {path}" if others else ""
-    if worst.severity in _STYLES or not quiet:
+    print_finding(worst.severity, f"{cut(worst.worded(as_option), MAX_SHOWN)}{more}", quiet, about)
+
+
+def print_finding(severity: str, text: str, quiet: bool, about: str = "") -> None:
+    """Print a finding, of a quiet command warnings and errors alone, on stderr.
+
+    Args:
+        severity: Its severity.
+        text: The finding.
+        quiet: Whether the command is quiet.
+        about: The beginning of the line.
+    """
+    if severity in _STYLES or not quiet:
         console = Console(stderr=quiet, soft_wrap=True, highlight=False)
         start = "poseppl: " if quiet else ""
-        console.print(
-            f"{start}{about}{worst.severity}: {cut(worst.worded(as_option), MAX_SHOWN)}{more}",
-            style=_STYLES.get(worst.severity),
-            markup=False,
-        )
+        console.print(f"{start}{about}{severity}: {text}", style=_STYLES.get(severity), markup=False)

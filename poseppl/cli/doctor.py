@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import click
 
-from poseppl.files.cache_folder import cache_folder
+from poseppl.files.cache_folder import cache_folder, xla_folder
 
 FOR_DEVELOPERS = ("dev", "opensim", "site", "test")
 """Extras that no command needs."""
@@ -89,10 +89,10 @@ def missing_extras(found: Iterable[Requirement]) -> dict[str, list[str]]:
     return extras
 
 
-@click.command(epilog=EPILOG, short_help="What is installed, what is missing, where the caches are.")
-@click.option("--jax/--no-jax", default=True, help="Whether to start JAX and tell the devices that it sees.")
+@click.command(epilog=EPILOG, short_help="Check the installation: packages, missing extras, caches.")
+@click.option("--jax/--no-jax", default=True, help="Whether to start JAX and list its devices.")
 def doctor(jax: bool) -> int:
-    """Tell what is installed, which extras are missing and how to get them, where caches are, and the devices that JAX sees."""
+    """List what is installed, which extras are missing and how to get them, where caches are, and JAX's devices."""
     from poseppl.cli.console import print_table
 
     own = _version_of("poseppl")
@@ -121,8 +121,8 @@ def _extra_rows(extras: dict[str, list[str]]) -> Iterator[tuple[str, str, str]]:
 
 
 def _folders() -> Iterator[tuple[str, str]]:
-    chosen = os.environ.get("JAX_COMPILATION_CACHE_DIR")
-    yield "compiled programs", _described(Path(chosen or cache_folder("xla")))
+    yield "XLA's compilations", _described(xla_folder())
+    yield "compiled programs", _described(cache_folder("programs"))
     yield "rendered scenes", _described(cache_folder("scenes"))
     data = os.environ.get("POSEPPL_DATA")
     yield "recordings of the tests (POSEPPL_DATA)", _described(Path(data)) if data else "not set"

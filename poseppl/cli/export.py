@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
-from poseppl.cli.checks import BUILDER, InputFile, check_inputs, number
-from poseppl.cli.options import common_options
+from poseppl.cli.checks import InputFile, check_inputs
+from poseppl.cli.options import common_options, result_options
 from poseppl.files.exchange_formats import files_of
 
-FORMATS = ("trc", "mot", "c3d", "csv", "rrd")
-BY_DEFAULT = ("trc", "mot")
-"""What is written unless others are asked for, and by poseppl track of keypoints."""
+FORMATS = ("trc", "mot", "osim", "bvh", "c3d", "csv", "rrd")
+BY_DEFAULT = ("trc", "mot", "osim")
+"""Default formats, which poseppl track also writes for keypoints."""
 
 EXAMPLES = """
 \b
@@ -29,6 +29,8 @@ Files written, NAME being that of RESULT:
   NAME_lower.trc, NAME_upper.trc  ends of the interval of each coordinate
   NAME.mot   mean joint angles under the names of OpenSim's full-body models, degrees and m;
              its header says what each column is
+  NAME.osim  a model of OpenSim with the person's lengths, for both
+  NAME.bvh   mean motion of a rig, for Blender and Unity
   NAME.c3d   mean places, mm, Z up, with the spread as residual (needs pip install 'poseppl[mocap]')
   NAME.csv   a row a frame and coordinate: mean, lower, upper, standard deviation, of places and angles
   NAME.rrd   poses, draws, cameras and images over time, for the viewer of rerun
@@ -63,26 +65,27 @@ class WordsCommand(click.Command):
     metavar="NAME...",
     multiple=True,
     type=click.Choice(FORMATS),
-    help="Which files: trc, mot, c3d, csv, rrd, several one after another. [default: trc mot; of named points trc]",
+    help="Formats to write, separated by spaces: " + ", ".join(FORMATS) + ". [default: trc mot osim; of named points trc]",
 )
-@click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the files go. [default: beside RESULT]")
+@result_options(
+    "Folder of the files.",
+    "Builder of the tracked body, for angles: package.module:builder or FILE.py:builder. Needed for a body that is not "
+    "installed, because RESULT does not choose what is run.",
+)
 @click.option(
-    "--level",
-    metavar="SHARE",
-    type=number("a share between 0 and 1, such as 0.9", lambda level: 0 < level < 1),
-    default=0.9,
+    "--rig",
+    type=click.Choice(("poseppl", "mixamo", "blender")),
+    default="mixamo",
     show_default=True,
-    help="What the intervals hold of the probability.",
+    help="Names of the joints in the .bvh file.",
 )
 @click.option(
-    "--model",
-    metavar="BUILDER",
-    type=BUILDER,
-    help="The body that was tracked, where it is not an installed one, for RESULT does not choose what is run; for angles. "
-    "[default: the one that RESULT names]",
+    "--unit", type=click.Choice(("mm", "cm", "m")), default="cm", show_default=True, help="Unit of length of the .bvh file."
 )
 @common_options
-def export(result: str, formats: tuple[str, ...], output: str | None, level: float, model: str | None, quiet: bool) -> None:
+def export(
+    result: str, formats: tuple[str, ...], output: str | None, level: float, model: str | None, quiet: bool, **rigged: str
+) -> None:
     """Write joints and angles with their intervals as files that OpenSim and other programs read.
 
     RESULT is a file that poseppl track or smooth wrote. The page "OpenSim and other programs" of the documentation
@@ -96,15 +99,13 @@ def export(result: str, formats: tuple[str, ...], output: str | None, level: flo
     likely = files_of(target.parent, target.stem, formats or BY_DEFAULT)
     check_writable((path for paths in likely.values() for path in paths), [result])
 
-    from poseppl.motion.tracking.export import has_angles
     from poseppl.runs.results import load_result
 
     tree = load_result(result)
-    chosen = formats or (BY_DEFAULT if has_angles(tree) else BY_DEFAULT[:1])
     progress = ConsoleProgress(quiet)
     start_jax()
     with contents_of(result):
-        files = write_exports(tree, target, progress.note, chosen, level=level, model=model)
+        files = write_exports(tree, target, progress.note, formats, level=level, model=model, **rigged)
     if not quiet:
         for path in files:
             click.echo(f"{path}")
@@ -114,24 +115,29 @@ def write_exports(
     tree: Any,
     target: Path,
     note: Any,
-    formats: tuple[str, ...] = BY_DEFAULT,
+    formats: tuple[str, ...] = (),
     *,
     level: float = 0.9,
     model: str | None = None,
+    **rigged: Any,
 ) -> list[Path]:
     """Write a result's files beside its own, and tell what the user should know of them.
 
     Args:
         tree: The result.
         target: Its file.
-        note: Is told of a rate that nobody has said.
-        formats: Which.
-        level: Of the intervals.
+        note: Receives a message if no rate is known, or a joint was not seen.
+        formats: Which; the usual ones if none.
+        level: Level of the intervals.
         model: Builder of the body.
+        **rigged: Rig and unit of a .bvh file.
     """
-    from poseppl.motion.tracking.estimates import clock_of
-    from poseppl.motion.tracking.export import export as write
+    from poseppl.motion.tracking.estimates import clock_of, unseen_of
+    from poseppl.motion.tracking.export import export as write, usual_formats
 
     if clock_of(tree).assumed:
-        note(f"{target.stem}: nobody has said how many frames a second there are; its exported times are those of 30")
-    return write(tree, target.parent, target.stem, formats, level=level, model=model)
+        note(f"{target.stem}: the frame rate is unknown; exported times assume 30 frames a second")
+    unseen = unseen_of(tree).markers
+    if unseen:
+        note(f"{target.stem}: no camera saw {', '.join(unseen)}; exported files leave these joints out or mark them")
+    return write(tree, target.parent, target.stem, formats or usual_formats(tree, model), level=level, model=model, **rigged)

@@ -42,12 +42,12 @@ class _Writable(Exception):
 
 
 def output_path(given: str | None, stem: str, suffix: str) -> Path:
-    """Where a result goes.
+    """Destination of a result.
 
     Args:
         given: A folder that exists, a file name, or None for the current folder.
         stem: Name of the file without its suffix, unless one is given.
-        suffix: Of the file.
+        suffix: Suffix of the file.
 
     Raises:
         InputError: The name has another suffix.
@@ -115,7 +115,7 @@ def check_writable(paths: Iterable[Path], inputs: Iterable[str | Path | None] = 
 
     Args:
         paths: The files.
-        inputs: What must not be overwritten.
+        inputs: Files that must not be overwritten.
 
     Raises:
         InputError: A file cannot be written, or is an input.

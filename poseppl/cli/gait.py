@@ -26,7 +26,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.argument("recording", type=InputFile())
 @click.option("--skeleton", metavar="ASF", type=InputFile(), help="Skeleton of an .amc recording.")
 @click.option("--frames", metavar="A:B:C", type=FRAMES, help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
-@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second, where the file does not tell. [default: 120 for .amc]")
+@click.option("--rate", metavar="HZ", type=RATE, help="Frames a second, if the file has no rate. [default: 120 for .amc]")
 @click.option(
     "--harmonics", metavar="K", type=click.IntRange(1, 20), default=4, show_default=True, help="Harmonics of the gait cycle."
 )
@@ -60,8 +60,8 @@ def fit_gait(
 
     start_jax()
     motion = read_motion(recording, skeleton, rate=rate)
-    for told in motion.notes:
-        ConsoleProgress(quiet).note(f"{recording}: {told}")
+    for note in motion.notes:
+        ConsoleProgress(quiet).note(f"{recording}: {note}")
     if frames is not None:
         motion = slice_frames(motion, frames)
     try:

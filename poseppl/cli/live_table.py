@@ -1,4 +1,4 @@
-"""The table of `poseppl track live`, which another program can follow: a line a frame, written as soon as it is known."""
+"""The table of `poseppl track live`, which another program can follow: a line a frame, written at once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class LiveTable:
     Args:
         path: The file.
         rate: Frames a second.
-        note: Is told where a line cannot be written.
+        note: Receives a message if a line cannot be written.
 
     Attributes:
         latencies: Seconds from when a frame's files were there to its line.
@@ -56,11 +56,11 @@ class LiveTable:
             self.close()
 
     def _tell(self, error: OSError) -> None:
-        self._note(f"{self._path}: no more lines, but the result goes on: {error.strerror}")
+        self._note(f"{self._path}: no more lines, but the run continues: {error.strerror}")
 
     def close(self) -> None:
         """No more lines."""
-        with suppress(OSError):  # a full disk was told
+        with suppress(OSError):  # a full disk was reported
             if self._stream is not None:
                 self._stream.close()
         self._stream = None

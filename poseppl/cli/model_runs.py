@@ -16,13 +16,15 @@ import xarray as xr
 from poseppl.cli.checks import rows_of_text
 from poseppl.cli.options import chosen
 from poseppl.cli.remedies import as_option
-from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
+from poseppl.cli.user_model import bound_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError
 from poseppl.filters.suitability import compatible_filters
+from poseppl.fitting import load_fit
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.fitted_params import fitted_params
 from poseppl.runs.forecasting import hindcast
 from poseppl.runs.frame_gaps import Gaps, inputs_of_all_frames
 from poseppl.runs.infer import infer, smooth
@@ -46,7 +48,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
         name: The model, ``FILE.py[:NAME]``.
         path: The table.
         options: Those of the command.
-        progress: Who is told.
+        progress: Reports the run's progress.
 
     Raises:
         InputError: The model, the data or a setting cannot be used.
@@ -55,7 +57,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     algorithm.check(options["settings"])
     progress.stage("reading")
     table, inputs = read_series(path, tuple(options["inputs"]), rows_of_text(options.get("frames")))
-    model = _compiled(name, source_digest(name), tuple(options["inputs"]), tuple(sorted(options["params"].items())))
+    model = _compiled(name, source_digest(name), tuple(options["inputs"]), given_params(options))
     series = series_of(model, table, inputs, path)
     for error in table.misspelt:
         progress.note(f"{error}; nothing uses that column, which is left out")
@@ -85,11 +87,26 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     return Filtered(diagnose(result), model, inputs)
 
 
+def given_params(options: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+    """Parameters by name, arrays as nested tuples: those of a fit, and in their place those that are given one by one.
+
+    Raises:
+        InputError: The file holds no fit, or the fit has no estimate of one.
+    """
+    path = options.get("fit_file")
+    fitted = fitted_params(load_fit(path)) if path else {}
+    return tuple(sorted(({name: _tuples(value.tolist()) for name, value in fitted.items()} | options["params"]).items()))
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
 @lru_cache(maxsize=4)
-def _compiled(name: str, digest: str, inputs: tuple[str, ...], params: tuple[tuple[str, float], ...]) -> CompiledModel:
+def _compiled(name: str, digest: str, inputs: tuple[str, ...], params: tuple[tuple[str, Any], ...]) -> CompiledModel:
     """The model, once for all tables of a process, so that its filters are compiled once."""
     example = {key: np.zeros(1, jnp.result_type(float)) for key in inputs} or None
-    return compile_programs(load_programs(name), example, dict(params) or None)
+    return bound_programs(load_programs(name), example, dict(params) or None)
 
 
 def smoothed(found: Filtered, options: Mapping[str, Any], progress: Any) -> xr.DataTree:
@@ -110,7 +127,7 @@ def smoothed(found: Filtered, options: Mapping[str, Any], progress: Any) -> xr.D
 
 
 def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str, Any]:
-    """What came of a run, as JSON can hold it."""
+    """Summary of a run, of types that JSON has."""
     known, stats = provenance(tree), tree["sample_stats"].dataset
     evidence = float(stats["log_evidence"].sum()) if "log_evidence" in stats else math.nan
     last = tree["summary"].dataset.isel(frame=-1)

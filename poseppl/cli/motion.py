@@ -46,7 +46,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     "--rate",
     metavar="HZ",
     type=RATE,
-    help="Frames a second of the model: of each recording every n-th is taken. [default: the highest that all can have]",
+    help="Frames a second of the model; every n-th frame of a recording is used. [default: the highest that all can have]",
 )
 @click.option("--components", metavar="N", type=click.IntRange(1), default=4, show_default=True, help="Principal components.")
 @click.option(
@@ -56,7 +56,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     "--rounds", metavar="N", type=click.IntRange(1), default=50, show_default=True, help="Rounds of Baum-Welch, at most."
 )
 @click.option("--free", metavar="JOINT", multiple=True, help="Joints that are not learned. [default: the root, neck and head]")
-@seed_option("Of what training starts from.")
+@seed_option("Seed of the first parameters of training.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(), help="Picture of the states.")
 @common_options
 def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import click
 
-from poseppl.cli.checks import BUILDER, InputFile, file_of_pair
+from poseppl.cli.checks import BUILDER, InputFile, file_of_pair, number
 from poseppl.files.decimal_numbers import decimal_number
 from poseppl.motion.settings import Kind, ReadFrom, Reads, Settings, Within, kinds_of
 from poseppl.runs.settings import texts_of
@@ -50,8 +50,8 @@ def options_of(settings: type[Settings], *names: str, section: str = "Options") 
 
     Args:
         settings: The settings.
-        names: Of the fields; all but the first, which is an argument, if none is given.
-        section: Where help lists them.
+        names: Names of the fields; all but the first, which is an argument, if none is given.
+        section: Section of the help that lists them.
     """
     kind = type("OptionOf", (Grouped,), {"section": section})
     own = {each.name: each for each in fields(settings)}
@@ -62,14 +62,14 @@ def options_of(settings: type[Settings], *names: str, section: str = "Options") 
 
 
 def _declared(settings: type[Settings], field: Field[Any]) -> dict[str, Any]:
-    """What click has to know of a field."""
+    """Click's parameters of a field."""
     kind, default = kinds_of(settings)[field.name], field.default
     text, _, usual = text_of(settings, field.name).partition(" Default: ")
     choices = get_args(kind.type) if get_origin(kind.type) is Literal else ()
     words = not isinstance(kind.condition, ReadFrom) and (kind.several or kind.or_file and not kind.condition)
     shown = default if isinstance(default, int | float | str) and not isinstance(default, bool) else usual.rstrip(".")
-    told = f" One of {', '.join(choices)}." if len(choices) > 6 else ""
-    how: dict[str, Any] = {"help": f"{text}{told}" + (f" [default: {shown}]" if shown != "" else "")}
+    listed = f" One of {', '.join(choices)}." if len(choices) > 6 else ""
+    how: dict[str, Any] = {"help": f"{text}{listed}" + (f" [default: {shown}]" if shown != "" else "")}
     if kind.type is bool:
         return {**how, "is_flag": True}
     if words:
@@ -82,7 +82,7 @@ def _declared(settings: type[Settings], field: Field[Any]) -> dict[str, Any]:
 
 
 def text_of(settings: type[Settings], name: str) -> str:
-    """What a field is, from the docstring of its class or of one that it inherits from."""
+    """Description of a field, from the docstring of its class or of a base class."""
     return next(texts[name] for base in settings.__mro__ if name in (texts := texts_of(base)))
 
 
@@ -102,7 +102,7 @@ def _metavar(kind: Kind, choices: Sequence[str]) -> str:
 
 
 def _type(kind: Kind) -> Any:
-    """What click reads a value as; settings check it as they are made."""
+    """Click's type of a value; settings check it when they are created."""
     match kind.condition:
         case ReadFrom(folders=folders):
             return InputFile(folders=folders, paths=file_of_pair)
@@ -139,7 +139,7 @@ max_draws_option = click.option(
     "--max-draws",
     metavar="N",
     type=click.IntRange(1),
-    help="Draws kept of each chain, or of all particles; means and intervals are made from all of them anyway. "
+    help="Draws stored of each chain, or of all particles; means and intervals always use all of them. "
     "[default: as many as fit into 256 MiB]",
 )
 
@@ -150,8 +150,8 @@ history_option = click.option(
     type=click.FloatRange(0),
     default=256.0,
     show_default=True,
-    help="Room in the result for what smoothers start from: all particles, or the Gaussians. 0 keeps none; a run that needs "
-    "more keeps none and says so.",
+    help="Space in the result for the particles or Gaussians from which smoothers start. 0 stores none; a run that needs more "
+    "stores none and reports it.",
 )
 
 
@@ -162,7 +162,9 @@ def _alone(context: click.Context, option: click.Parameter, address: str | None)
 
 
 worker_options = option_group(
-    click.option("--workers", metavar="N", type=click.IntRange(1), is_eager=True, help="Processes. [default: one a core]"),
+    click.option(
+        "--workers", metavar="N", type=click.IntRange(1), is_eager=True, help="Number of processes. [default: one per core]"
+    ),
     click.option(
         "--scheduler",
         metavar="ADDRESS",
@@ -170,7 +172,30 @@ worker_options = option_group(
         help="Dask scheduler, such as tcp://host:8786, instead of processes; its workers read and write these folders.",
     ),
 )
-"""Who does the jobs."""
+"""Executor of the jobs."""
+
+
+def result_options(folder: str, model: str) -> Callable[[Command], Command]:
+    """Options that commands on a smoothed or tracked result of a body share.
+
+    Args:
+        folder: Help of --output, without its default.
+        model: Help of --model, without its default.
+    """
+    return option_group(
+        click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help=f"{folder} [default: beside RESULT]"),
+        click.option(
+            "--level",
+            metavar="SHARE",
+            type=number("a share between 0 and 1, such as 0.9", lambda level: 0 < level < 1),
+            default=0.9,
+            show_default=True,
+            help="Probability of the intervals.",
+        ),
+        click.option(
+            "--model", metavar="BUILDER", type=BUILDER, help=f"{model} [default: the installed body that RESULT names]"
+        ),
+    )
 
 
 common_options = option_group(

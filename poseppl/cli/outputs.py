@@ -31,9 +31,9 @@ def keep_result(tree: Any, target: Path) -> None:
         kept = _kept_elsewhere(tree, target.name)
         if kept is None:
             problem = f"{error}; nor was there room in {', '.join(map(str, _shelters()))}"
-            advice = "free some space and run it again; with --checkpoint, what is done is not computed again"
+            advice = "free some space and run it again; with --checkpoint, finished frames are not computed again"
             raise PosepplError(f"{problem}. The result is lost: {advice}") from error
-        raise PosepplError(f"{error}. The result is kept in {kept}: move it from there") from error
+        raise PosepplError(f"{error}. The result is in {kept}: move it from there") from error
 
 
 def _kept_elsewhere(tree: Any, name: str) -> Path | None:
@@ -62,12 +62,12 @@ def _shelters() -> Iterator[Path]:
 
 
 def draw(path: Path, write: Callable[[], Any], note: Callable[[str], None]) -> bool:
-    """Draw a picture of a result that is written; a failure is told, and costs nothing.
+    """Draw a picture of a result that is written; a failure is reported, and costs nothing.
 
     Args:
         path: The picture, for the note.
         write: Draws and writes it.
-        note: Is told of a failure.
+        note: Receives a message about a failure.
 
     Returns:
         Whether it was drawn.
@@ -86,10 +86,10 @@ def write_outputs(tree: Any, target: Path, note: Callable[[str], None]) -> list[
     Args:
         tree: The result.
         target: Its file; the picture's has the suffix .png.
-        note: Is told of a picture that could not be drawn.
+        note: Receives a message about a picture that could not be drawn.
 
     Returns:
-        What was written, and where.
+        The outputs, and their files.
 
     Raises:
         PosepplError: The result is not at its place; says where it is.
@@ -130,6 +130,6 @@ def summary(tree: Any) -> list[tuple[str, str]]:
         ("inefficiency factor, median", shown(numbers.tau, "{:.1f}")),
         ("  mean", shown(numbers.tau_mean, "{:.1f}")),
         ("frames a second", shown(numbers.frames_per_second, "{:.1f}")),
-        ("compilation", f"{known['compile_seconds']:.1f} s"),
+        ("compilation", shown(known["compile_seconds"] or None, "{:.1f} s")),
     ]
     return [(name, value) for name, value in rows if value is not None]

@@ -29,10 +29,10 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.command(epilog=EXAMPLES, short_help="Draw a result over the videos of its cameras.")
 @click.argument("result", type=InputFile())
 @click.argument("videos", nargs=-1, required=True, metavar="VIDEO...", type=InputFile(folders=True, paths=file_of_pair))
-@click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the videos go. [default: beside RESULT]")
+@click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Folder of the videos. [default: that of RESULT]")
 @common_options
 def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: bool) -> None:
-    """Draw the posterior over the videos of its cameras, whatever it was tracked in.
+    """Draw the posterior over the videos of its cameras, for any source of tracking.
 
     RESULT is a file that poseppl track or smooth wrote. VIDEO is a file named as its camera, or CAMERA=FILE; frame 0 of the
     result is its first picture, also where a camera's clock was found to differ. Needs pip install 'poseppl[vision]'.
@@ -61,5 +61,5 @@ def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: boo
 
 
 def overlay_paths(videos: Any, target: Path) -> list[Path]:
-    """Where the overlays of a result's videos go, beside a file."""
+    """Files of the overlays of a result's videos, beside a file."""
     return [target.with_name(f"{target.stem}-{video.camera}.mp4") for video in videos]

@@ -29,10 +29,11 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 def report(result: str, output: str | None, quiet: bool) -> None:
     """Write the report of a run as one HTML file that opens offline.
 
-    RESULT is a file that poseppl track, run, batch or smooth wrote. The report says what was run, lists verdicts, and shows
-    data, predictions and sites over time, inefficiency factors and, if the truth is known, error and coverage. For a body it
-    also shows poses with their uncertainty, joints over time, errors by camera, and joints of low confidence with frames and
-    reasons.
+    RESULT is a file that poseppl track, run, batch or smooth wrote. The report lists verdicts, with the setting to change
+    and the gain to expect. It leads with R-hat, the inefficiency factor ± SE, and ESS per second and per gradient, by
+    coordinate. It shows data, predictions and sites over time and, if the truth is known, error and coverage. For a body it
+    also shows poses with their uncertainty, joints over time, errors by camera, and joints of low confidence with frames
+    and reasons.
     """
     from poseppl.cli.files import check_writable, contents_of
 

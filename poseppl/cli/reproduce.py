@@ -52,14 +52,14 @@ def _split(word: str) -> tuple[str, str]:
 @click.argument("paper", required=False, type=click.Choice(list(EXPERIMENTS)))
 @click.argument("parts", nargs=-1)
 @click.option("--quick", is_flag=True, help="Fewer runs, settings, frames and particles: minutes instead of hours.")
-@click.option("--folder", "-o", metavar="DIR", type=click.Path(), help="Where everything goes. [default: the paper's name]")
+@click.option("--folder", "-o", metavar="DIR", type=click.Path(), help="Folder of all outputs. [default: the paper's name]")
 @click.option(
     "--motion",
     "motions",
     metavar="NAME=FILE[,SKELETON]",
     type=InputFile(folders=True, paths=lambda word: files_of_recording(_split(word)[1])),
     multiple=True,
-    help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given "
+    help="Recording for the experiments: .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton if it needs one; may be given "
     "several times. Sequences and tuning take the first. [default: the built-in walk]",
 )
 @worker_options

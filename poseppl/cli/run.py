@@ -24,6 +24,8 @@ Examples:
       Another name in the file; a column that the programs get as inputs["temperature"].
   poseppl run model.py --data heights.csv --filter particle --set num_particles=5000 --smooth backward-simulation
       Filtered, and smoothed as well.
+  poseppl run model.py --data heights.csv --filter kalman --fit poseppl-heights-ml.nc
+      With the parameters that poseppl fit found.
   poseppl run model.py --data heights.csv --settings run.toml --json
       Options from a file; what came of it as JSON on stdout.
 
@@ -40,7 +42,7 @@ Files written:
   poseppl-NAME-METHOD.nc    with --smooth, the smoothed result, and its picture
 
 \b
-Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C.
+Exit status: 0 done, 1 bad input or a run that cannot continue, 2 wrong usage, 130 Ctrl-C.
 """
 
 
@@ -76,7 +78,7 @@ def _numbers(context: click.Context, option: click.Parameter, words: tuple[str, 
     return numbers
 
 
-model_options = option_group(
+series_options = option_group(
     click.option(
         "--settings",
         "settings_file",
@@ -84,21 +86,56 @@ model_options = option_group(
         type=InputFile(),
         is_eager=True,
         callback=_read_settings,
-        help="Options from a file; those of the command line go first.",
+        help="Options from a TOML file; the command line overrides them.",
     ),
     click.option(
         "--inputs",
         metavar="NAME",
         multiple=True,
-        help="A column that the programs get as inputs[NAME]; may be given several times. [default: no inputs]",
+        help="Column passed to the programs as inputs[NAME]; repeat for more. [default: no inputs]",
     ),
+)
+"""A file of options, and the columns that are inputs."""
+
+
+fill_gaps_option = click.option(
+    "--fill-gaps",
+    is_flag=True,
+    help="Insert frames without data where the column frame has gaps, so that each step is one frame; their inputs repeat "
+    "the frame before. [default: one transition leads across a gap, with a warning]",
+)
+
+
+table_options = option_group(
+    click.option(
+        "--data",
+        metavar="FILE",
+        type=InputFile(),
+        required=True,
+        help="A table, one row a frame: .csv, .parquet, or variables in .nc.",
+    ),
+    click.option(
+        "--frames", metavar="A:B:C", type=Checked(check_rows), help="Rows A to B - 1 of the table in steps of C. [default: all]"
+    ),
+)
+
+
+model_options = option_group(
+    series_options,
     click.option(
         "--param",
         "params",
         metavar="NAME=NUMBER",
         multiple=True,
         callback=_numbers,
-        help="A parameter that the programs get as params[NAME]; may be given several times.",
+        help="Parameter passed to the programs as params[NAME]; repeat for more.",
+    ),
+    click.option(
+        "--fit",
+        "fit_file",
+        metavar="FILE.nc",
+        type=InputFile(),
+        help="Parameters from a file that poseppl fit wrote; --param overrides single ones.",
     ),
     click.option(
         "--filter",
@@ -106,21 +143,16 @@ model_options = option_group(
         metavar="NAME",
         default="particle",
         show_default=True,
-        help="Which filter; poseppl filters lists them.",
+        help="Filter; poseppl filters lists them.",
     ),
     settings_option,
     click.option(
         "--hindcast",
         metavar="H",
         type=click.IntRange(1),
-        help="Forecast 1 to H frames ahead from every frame, and score that by the data that came; poseppl compare shows it.",
+        help="Forecast 1 to H frames ahead from every frame, and score the forecasts by the data; poseppl compare shows it.",
     ),
-    click.option(
-        "--fill-gaps",
-        is_flag=True,
-        help="Insert frames without data where the column frame has gaps, so that each step is one frame; their inputs repeat "
-        "the frame before. [default: one transition leads across a gap, with a warning]",
-    ),
+    fill_gaps_option,
     click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
     seed_option(),
     click.option(
@@ -146,20 +178,11 @@ def check_model(model: str, options: dict[str, Any]) -> None:
 
 @click.command(cls=CommandWithSettings, epilog=EXAMPLES, short_help="Run a filter of your own model on your own data.")
 @click.argument("model")
-@click.option(
-    "--data",
-    metavar="FILE",
-    type=InputFile(),
-    required=True,
-    help="A table, one row a frame: .csv, .parquet, or variables in .nc.",
-)
+@table_options
 @model_options
-@click.option(
-    "--frames", metavar="A:B:C", type=Checked(check_rows), help="Rows A to B - 1 of the table in steps of C. [default: all]"
-)
 @click.option("--rate", metavar="HZ", type=RATE, help="Frames a second.")
-@click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
-@click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON, and no table.")
+@click.option("--output", "-o", metavar="DIR|FILE.nc", help="File or folder of the result. [default: poseppl-NAME.nc, here]")
+@click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON instead of a table.")
 @common_options
 def run(model: str, data: str, **options: Any) -> None:
     """Run a filter of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], on a table of data."""

@@ -1,6 +1,6 @@
 """Settings of algorithms on the command line: `--set NAME=VALUE`, and the commands that list them.
 
-All is read from the signatures of what :mod:`poseppl.filters` and :mod:`poseppl.smoothers` export.
+All is read from the signatures of what :mod:`poseppl.filters`, :mod:`poseppl.smoothers` and :mod:`poseppl.fitting` export.
 """
 
 from __future__ import annotations
@@ -11,24 +11,25 @@ from typing import Any
 import click
 
 
-def settings_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--set NAME=VALUE`, given to the command as the mapping `settings`."""
-    return click.option(
-        "--set",
-        "settings",
-        metavar="NAME=VALUE",
-        multiple=True,
-        callback=_assignments,
-        help="A setting of the algorithm; may be given several times. poseppl filters NAME, or smoothers NAME, lists them.",
-    )(command)
-
-
 def _assignments(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> dict[str, str]:
     pairs = [word.partition("=") for word in words]
     for name, _, value in pairs:
         if not name or not value:
             raise click.BadParameter("expected NAME=VALUE, such as num_chains=50")
     return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def assignments_option(option: str, name: str, purpose: str) -> Callable[[Any], Any]:
+    """An option of words NAME=VALUE, given to the command as a mapping."""
+    return click.option(option, name, metavar="NAME=VALUE", multiple=True, callback=_assignments, help=purpose)
+
+
+settings_option = assignments_option(
+    "--set",
+    "settings",
+    "A setting of the algorithm; may be given several times. poseppl filters NAME, or smoothers NAME, lists them.",
+)
+"""`--set NAME=VALUE`, given to the command as the mapping `settings`."""
 
 
 class CommandWithSettings(click.Command):
@@ -43,8 +44,8 @@ class CommandWithSettings(click.Command):
         except click.NoSuchOption as error:
             word = error.option_name.lstrip("-").replace("-", "_")
             hints = [f"--set {name}=" for name in sorted(self.settings()) if word in name]
-            if not hints and (told := self.elsewhere(error.option_name)):
-                raise click.UsageError(told, ctx) from error
+            if not hints and (hint := self.elsewhere(error.option_name)):
+                raise click.UsageError(hint, ctx) from error
             raise click.NoSuchOption(error.option_name, possibilities=hints or error.possibilities, ctx=ctx) from error
 
     def settings(self) -> set[str]:
@@ -74,9 +75,9 @@ class ManyFiles(CommandWithSettings):
 
 
 def _algorithms(kind: str) -> Any:
-    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+    from poseppl.runs.algorithms import FILTERS, SMOOTHERS, Algorithms
 
-    return {"filter": FILTERS, "smoother": SMOOTHERS}[kind]
+    return {"filter": FILTERS, "smoother": SMOOTHERS, "method": Algorithms("method", "poseppl.fitting")}[kind]
 
 
 def check_algorithm(kind: str, name: str, settings: Mapping[str, str] | None = None) -> None:
@@ -136,3 +137,4 @@ def _list(algorithms: Any, name: str | None) -> None:
 
 filters = listing("filter", "poseppl track --filter", "hmc")
 smoothers = listing("smoother", "poseppl smooth --method", "trajectory")
+methods = listing("method", "poseppl fit --method", "nuts")

@@ -44,12 +44,12 @@ def signals_set(event: threading.Event) -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in numbers}
     before = {number: handler for number, handler in before.items() if callable(handler)}
 
-    def told(number: int, frame: FrameType | None) -> None:
+    def on_signal(number: int, frame: FrameType | None) -> None:
         event.set()
         signal.signal(number, before[signal.Signals(number)])
 
     for number in before:
-        signal.signal(number, told)
+        signal.signal(number, on_signal)
     try:
         yield
     finally:

@@ -34,7 +34,7 @@ With --video a folder poseppl-NAME, new, with these, N being a camera's number:
   camera_N.mp4             what it saw; camera_N/000000.png and on are the same without loss (--lossless)
   camera_N_visible.npz     pixels that show the person: keys masks (packed bits) and shape (frames, height, width)
   camera_N_whole.npz       pixels that would show the person if there were no furniture
-  camera_N_background.png  the empty room; camera_N_occluder.png: where furniture is seen in it
+  camera_N_background.png  the empty room; camera_N_occluder.png: its furniture, which may hide the person, a gray a piece
   Calib.toml               the cameras; image points have their origin in the centre of the first pixel
   truth.csv, truth.nc      true places of the markers in mm; the second has the body's states, too
   scene.toml               what the scene was made of
@@ -57,7 +57,7 @@ _OF_CAMERAS = ("camera", "cameras", "camera_distance", "view", "noise")
     metavar="MM",
     type=number("at least 300 mm, or -300 and below to turn right", lambda radius: abs(radius) >= 300),
     help="Lay the walk along a circle of this radius on the floor: to the left, or to the right with -MM; at least 300. Poses "
-    "stay as they are, and so feet on the floor turn with the body. [default: as recorded]",
+    "are unchanged, so feet on the floor turn with the body. [default: as recorded]",
 )
 @option_group(*options_of(RecordingSettings, *_OF_CAMERAS))
 @click.option(
@@ -72,7 +72,7 @@ _OF_CAMERAS = ("camera", "cameras", "camera_distance", "view", "noise")
     type=number("1 to 100000 pixels", lambda side: 1 <= side <= 100_000, click.INT),
     nargs=2,
     default=None,
-    help="Their image, in pixels. [default: 1920 1080; 640 480 with --video]",
+    help="Width and height of the images of placed cameras, px. [default: 1920 1080; 640 480 with --video]",
 )
 @click.option(
     "--missing",
@@ -82,7 +82,7 @@ _OF_CAMERAS = ("camera", "cameras", "camera_distance", "view", "noise")
     show_default=True,
     help="Fraction of the markers that are not seen, at random.",
 )
-@seed_option("Of the noise, and of the room.")
+@seed_option("Seed of the noise, and of the room.")
 @click.option(
     "--video",
     is_flag=True,
@@ -99,11 +99,11 @@ _OF_CAMERAS = ("camera", "cameras", "camera_distance", "view", "noise")
     "--output",
     "-o",
     metavar="DIR|FILE.csv",
-    help="Where the points go; with --video a new folder. [default: poseppl-NAME.csv, here; poseppl-NAME]",
+    help="File of the points; with --video a new folder. [default: poseppl-NAME.csv, here; poseppl-NAME]",
 )
 @common_options
 def simulate(recording: str | None, **options: Any) -> None:
-    """Look at a motion through cameras and write the noisy 2-D markers, or videos of a person who moves so.
+    """See a motion through simulated cameras: write noisy 2-D markers, or videos of a person with that motion.
 
     RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton);
     without it, the built-in walk is seen.
@@ -141,8 +141,8 @@ def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
 
     start_jax()
     subject = subject_of(settings, options["turn"])
-    for told in subject.notes:
-        ConsoleProgress(options["quiet"]).note(Phrase(f"{recording}: ", told))
+    for note in subject.notes:
+        ConsoleProgress(options["quiet"]).note(Phrase(f"{recording}: ", note))
     cameras, names = cameras_of(settings, subject)
     if options["camera"] is not None:
         records = read_cameras(options["camera"])

@@ -17,7 +17,7 @@ Examples:
   poseppl smooth poseppl-walk.nc
       NUTS on all frames at once, started from the filter's draws.
   poseppl smooth poseppl-walk.nc --method forward-backward
-      The filter's particles, weighted anew.
+      The filter's particles with new weights.
   poseppl smooth poseppl-cam_01.nc --method laplace --errors lasting
       A detector's keypoints, as poseppl track keypoints smooths them.
   poseppl smooth poseppl-walk.nc --set num_draws=500 --set num_chains=8
@@ -43,7 +43,7 @@ class SmoothCommand(CommandWithSettings):
 @click.command(cls=SmoothCommand, epilog=EXAMPLES, short_help="Smooth a result: every frame given all data.")
 @click.argument("result", type=InputFile())
 @click.option(
-    "--method", metavar="NAME", default="trajectory", show_default=True, help="Which smoother; poseppl smoothers lists them."
+    "--method", metavar="NAME", default="trajectory", show_default=True, help="Smoother; poseppl smoothers lists them."
 )
 @settings_option
 @click.option(
@@ -51,27 +51,27 @@ class SmoothCommand(CommandWithSettings):
     type=click.Choice(["independent", "lasting"]),
     default="independent",
     show_default=True,
-    help="Errors of the points from frame to frame: independent, as the filter has them, or lasting, heavy-tailed and with "
-    "markers beside their joints, as detectors of keypoints have them; the walk is then learned, too.",
+    help="Errors of the points: independent from frame to frame, as in the filter; or lasting, that is autocorrelated and "
+    "heavy-tailed, with markers beside their joints, like a detector's keypoints. The walk is then learned, too.",
 )
 @click.option(
     "--model",
     metavar="BUILDER",
     type=BUILDER,
-    help="The body that was tracked, package.module:builder or FILE.py:builder; needed where it is not an installed one, for "
-    "RESULT does not choose what is run. [default: the one that RESULT names]",
+    help="Builder of the tracked body: package.module:builder or FILE.py:builder. Needed for a body that is not installed, "
+    "because RESULT never chooses which code runs. [default: the installed body that RESULT names]",
 )
-@seed_option("Of the smoother.")
+@seed_option("Seed of the smoother.")
 @max_draws_option
-@click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: NAME-METHOD.nc, here]")
+@click.option("--output", "-o", metavar="DIR|FILE.nc", help="File or folder of the result. [default: NAME-METHOD.nc, here]")
 @common_options
 def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -> None:
-    """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
+    """Smooth the result of poseppl track: the posterior of every frame given all frames.
 
     RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps
     up to track's history_mib, or from the draws if it keeps none. Genealogy and fixed-lag follow all particles back through
     their ancestors: if RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
-    poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which smoother?" in the documentation.
+    poseppl track --smooth METHOD. The page "Which filter, which smoother?" of the documentation compares smoothers.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path

@@ -25,13 +25,13 @@ from poseppl.runs.settings import Setting
 OF_TRACK = ("filter", "walk", "prior", "max_draws", "seed")
 """Settings of a track that are options; others are given by `--set`."""
 _ABSENT = {"keypoints": (), "live": ("markers", "other_motion"), "videos": ("markers", "export")}
-"""Of what `--set` takes, what a source has not."""
+"""Keys of `--set` that a source does not have."""
 EXPORT = Setting("export", bool, False, True, "Whether joints and angles are written for OpenSim, too.")
 STATUS = """
 \b
-Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM.
+Exit status: 0 done, 1 bad input or a run that cannot continue, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM.
 """
-_KEPT = """  poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
+_KEPT = """  poseppl-NAME.nc   the result: an xarray DataTree for ArviZ
   poseppl-NAME.png  a picture of it
 """
 EXAMPLES = f"""
@@ -44,11 +44,11 @@ Examples:
   poseppl track points Cam-A=a.csv Cam-B=b.csv --calibration calibration.toml --skeleton fly.toml
   poseppl track videos cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
   poseppl track observations points.csv --camera camera.toml
-  poseppl track walk.bvh --filter hmc --set num_chains=50    a recording, as its file tells
+  poseppl track walk.bvh --filter hmc --set num_chains=50    a recording, recognised by its file
 
 \b
 Files written:
-{_KEPT}and what each source has besides. NAME is the input's, or walk, and -person2 of --person 2. Older ones of the
+{_KEPT}and further files of each source. NAME is the input's, or walk, and -person2 of --person 2. Older ones of the
 same name are replaced; inputs never are. Each appears whole or not at all; a result for which there is no room
 goes into another folder, and one of a run that cannot go on has the frames up to there.
 {STATUS}"""
@@ -57,8 +57,8 @@ _SMOOTHED = """  poseppl-NAME-METHOD.nc, .png  the smoothed result, with --smoot
 _STRAIGHT = """  Several cameras' keypoints are smoothed without a filter: poseppl-NAME-laplace.nc is then the only
                     result, unless --filter, --set of a filter, --checkpoint or --smooth ask for a filter
 """
-_EXPORTED = """  poseppl-NAME-METHOD.trc, .mot  joints and angles for OpenSim, as poseppl export writes them, with
-                    _lower.trc and _upper.trc, the ends of intervals
+_EXPORTED = """  poseppl-NAME-METHOD.trc, .mot, .osim  joints, angles and a model for OpenSim, as poseppl export
+                    writes them, with _lower.trc and _upper.trc, the ends of intervals
 """
 
 
@@ -137,14 +137,16 @@ track_options = option_group(
     *options_of(TrackSettings, *OF_TRACK[1:], section="Method"),
 )
 output_options = option_group(
-    click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]"),
+    click.option(
+        "--output", "-o", metavar="DIR|FILE.nc", help="File or folder of the result. [default: poseppl-NAME.nc, here]"
+    ),
     common_options,
 )
 resume_options = option_group(
     click.option(
         "--checkpoint", metavar="DIR", type=click.Path(), help="Save the run in this folder as it goes. [default: none]"
     ),
-    click.option("--resume", is_flag=True, help="Go on with the run that --checkpoint has, if it has one."),
+    click.option("--resume", is_flag=True, help="Continue the run in --checkpoint, if there is one."),
 )
 
 
@@ -196,10 +198,10 @@ def source_command(
     written=_SMOOTHED,
 )
 def recording(**given: Any) -> None:
-    """Track a recording that simulated cameras see.
+    """Track a motion capture recording that simulated cameras see.
 
-    The result is compared with the truth. FILE is a .bvh, .c3d or .trc file, or with --skeleton .amc or .txt of DeepMimic or of
-    exponential maps. Its joints are seen as 17 markers a frame. Without it, a built-in walk is tracked.
+    The result is compared with the truth. FILE is a .bvh, .c3d or .trc file or, with --skeleton, an .amc file or a .txt file of
+    DeepMimic or of exponential maps. Its joints are seen as 17 markers a frame. Without FILE, a built-in walk is tracked.
     """
     source = made(RecordingSettings, given)
     check_recording(given["recording"], given["skeleton"])
@@ -217,10 +219,10 @@ def recording(**given: Any) -> None:
     written=_SMOOTHED,
 )
 def observations(**given: Any) -> None:
-    """Track 2-D points of a body's markers.
+    """Track 2-D points of a body's markers, without a truth.
 
-    They come without a truth. FILE is a table, .csv: columns frame, marker, x, y, and where wanted camera and confidence.
-    Absent rows are missing markers.
+    FILE is a table, .csv, with the columns frame, marker, x and y, and optionally camera and confidence. Absent rows are
+    missing markers.
     """
     _track(made(ObservationSettings, given), given)
 
@@ -240,8 +242,9 @@ def observations(**given: Any) -> None:
 def keypoints(**given: Any) -> None:
     """Track a person in a detector's keypoints.
 
-    CAMERA=FILE is a camera of the calibration and its keypoints: a file, or a folder of one file a frame. Frames of the same
-    number are of one time, unless an offset is found. The result is smoothed by default, and of several cameras no filter runs.
+    CAMERA=FILE is a camera of the calibration and its keypoints: a file, or a folder of one file a frame. Frames with the
+    same number are simultaneous, unless an offset is found. The result is smoothed by default; with several cameras no filter
+    runs.
     """
     _track(made(KeypointSettings, given | {"files": words_of_files(given["files"])}), given)
 
@@ -259,11 +262,11 @@ def keypoints(**given: Any) -> None:
     + _EXPORTED,
 )
 def live(**given: Any) -> None:
-    """Track a person while a detector is at work.
+    """Track a person while a detector runs.
 
-    CAMERA=FILE is a camera and the folder that a detector is writing to, one OpenPose or MMPose file a frame. The result is
-    written at the end, which is --idle or Ctrl-C; it has 20 draws unless --max-draws asks for more. Frames of the same number
-    are of one time, and left and right are the detector's.
+    CAMERA=FILE is a camera and the folder that a detector is writing to, one OpenPose or MMPose file a frame. The run ends with
+    Ctrl-C or after --idle seconds without a frame; then the result is written. It has 20 draws unless --max-draws asks for
+    more. Frames with the same number are simultaneous, and left and right are the detector's.
     """
     if given["walk"] == "learned":
         raise click.UsageError("--walk learned needs the whole recording, and does not go with live")
@@ -280,8 +283,8 @@ def live(**given: Any) -> None:
 def points(**given: Any) -> None:
     """Smooth named points of an animal or a thing.
 
-    Each is smoothed by itself, or linked to others by a skeleton. CAMERA=FILE is a camera of the calibration and a file of a
-    detector that names its points, such as DeepLabCut or SLEAP.
+    Each point is smoothed by itself, or with the points that a skeleton links it to. CAMERA=FILE is a camera of the calibration
+    and a file of a detector that names its points, such as DeepLabCut or SLEAP.
     """
     source = made(PointSettings, given | {"files": words_of_files(given["files"])})
     check_inputs()
@@ -302,8 +305,8 @@ def points(**given: Any) -> None:
 def videos(**given: Any) -> None:
     """Track a person's silhouettes in calibrated videos.
 
-    FILE is a video named as its camera, or CAMERA=FILE, or a folder of pictures; or the folder of a scene that poseppl simulate
-    has rendered. Needs pip install 'poseppl[vision]'.
+    FILE is a video named as its camera, CAMERA=FILE, a folder of pictures, or the folder of a scene that poseppl simulate
+    rendered. Needs pip install 'poseppl[vision]'.
     """
     _track(made(VideoSettings, given), given)
 
@@ -331,11 +334,11 @@ def _settings(source: Any, given: Mapping[str, Any], usual: str) -> tuple[TrackS
     """
     command = click.get_current_context().command
     own, words = {each.name: each for each in by_set(command)}, dict(given["settings"])
-    told = {name: own[name].read(words.pop(name)) for name in list(words) if name in own}
+    chosen = {name: own[name].read(words.pop(name)) for name in list(words) if name in own}
     wanted = Wanted(
-        export=told.pop("export", EXPORT.default), **{name: given[name] for name in Wanted._fields if name in given}
+        export=chosen.pop("export", EXPORT.default), **{name: given[name] for name in Wanted._fields if name in given}
     )
-    settings = replace(made(TrackSettings, {**given, **told}), options=words)
+    settings = replace(made(TrackSettings, {**given, **chosen}), options=words)
     if not goes_straight(source, settings, wanted):
         settings = replace(settings, filter=settings.filter or ("switching" if settings.prior else usual))
         check_algorithm("filter", str(settings.filter), settings.options)

@@ -19,14 +19,14 @@ BY_OPTION = {"--keypoints": "keypoints", "--video": "videos", "--observations": 
 _VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 _PICTURES = (".png", ".jpg", ".jpeg")
 _ROWS = 4
-"""Of a table, at most, before its first frame."""
+"""Largest number of lines of a table before its first frame."""
 
 
 def dispatched(words: Sequence[str], flags: Sequence[str] = ()) -> list[str]:
     """The same words after the command of their source.
 
     Args:
-        words: What follows `poseppl track`, without a source.
+        words: Arguments after `poseppl track`, without a source.
         flags: Options that take no value.
     """
     source, files, rest = None, list[str](), list[str]()

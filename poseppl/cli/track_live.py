@@ -41,8 +41,8 @@ def track_live(source: LiveSettings, settings: TrackSettings, wanted: Wanted) ->
             written = write_results(tree, plan, progress, source.model, lambda: [("frame by frame", lines)])
     except (KeyboardInterrupt, OSError):
         if lines.exists():
-            told = "poseppl track keypoints makes the result of the folders' files"
-            progress.note(f"{lines} has the frames so far; {told}")
+            hint = "poseppl track keypoints makes the result of the folders' files"
+            progress.note(f"{lines} has the frames so far; {hint}")
         raise
     report(written, plan.target, wanted.quiet, problem)
 

@@ -1,4 +1,4 @@
-"""What the commands of `poseppl track` do once their options are settings: check the outputs, track, smooth, write, report."""
+"""Common part of the commands of `poseppl track` after parsing: check the outputs, track, smooth, write, report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from poseppl.cli.remedies import as_options
 from poseppl.errors import InputError, PosepplError
 from poseppl.files.exchange_formats import files_of
 from poseppl.files.frame_range import FrameRange
-from poseppl.motion.keypoints.settings import KeypointSettings, PersonSettings
+from poseppl.motion.keypoints.settings import KeypointSettings, PersonSettings, smoothed_at_once
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.recordings.settings import RecordingSettings
 from poseppl.motion.settings import Settings, TrackSettings
@@ -21,10 +21,10 @@ from poseppl.motion.silhouettes.settings import VideoSettings
 
 
 class Wanted(NamedTuple):
-    """What a track is to write.
+    """Outputs of a track.
 
     Attributes:
-        output: Where the result goes; by default here, under the input's name.
+        output: File of the result; by default in the current folder, under the input's name.
         checkpoint: Folder that the run is saved to as it goes.
         resume: Whether the run of that folder goes on.
         smooth: Which smoother is asked for, or none; by default that of the source.
@@ -46,7 +46,7 @@ class Plan(NamedTuple):
     Attributes:
         target: The result's; that of the smoothed one where no filter runs.
         later: The smoothed result's, beside a filter's; None if there is to be none.
-        inputs: What is read, and never written over.
+        inputs: Input files, which are never overwritten.
         exports: Whether files for other programs are written.
     """
 
@@ -68,23 +68,15 @@ class Plan(NamedTuple):
 
 
 class Written(NamedTuple):
-    """What was written: results by their files, and rows of the table that names all files."""
+    """Written outputs: results by their files, and rows of the table that lists all files."""
 
     results: dict[Path, Any]
     rows: list[tuple[str, Path]]
 
 
-_OF_A_FILTER = ("devices", "history_mib", "chunk", "on_failure")
-"""Settings that only a filter reads; it runs where one is not as usual."""
-
-
 def goes_straight(source: Settings, settings: TrackSettings, wanted: Wanted) -> bool:
-    """Whether a recording is smoothed without a filter: keypoints of several cameras, where nothing asks for a filter."""
-    several = isinstance(source, KeypointSettings) and len(source.files) > 1
-    of_filter = (settings.filter, settings.options, settings.prior, wanted.smooth, wanted.checkpoint, wanted.resume)
-    usual = TrackSettings()
-    as_usual = all(getattr(settings, name) == getattr(usual, name) for name in _OF_A_FILTER)
-    return several and as_usual and not any(of_filter)
+    """Whether a recording is smoothed without a filter, which nothing that is wanted asks for."""
+    return smoothed_at_once(source, settings) and not (wanted.smooth or wanted.checkpoint or wanted.resume)
 
 
 def planned(source: Settings, settings: TrackSettings, wanted: Wanted) -> Plan:
@@ -141,7 +133,7 @@ def track_source(source: Any, settings: TrackSettings, wanted: Wanted) -> None:
             written = write_results(tracked.result, plan, progress, source.model, overlay, smooth)
     except KeyboardInterrupt:
         if wanted.checkpoint:
-            progress.note(f"the frames done so far are in {wanted.checkpoint}; the same command with --resume goes on")
+            progress.note(f"the frames done so far are in {wanted.checkpoint}; the same command with --resume continues")
         raise
     report(written, plan.target, wanted.quiet, problem)
 
@@ -160,7 +152,7 @@ def _opened(source: Any, plan: Plan) -> Any:
 def _tracked(
     source: Any, settings: TrackSettings, wanted: Wanted, videos: Any, target: Path, progress: Any
 ) -> tuple[Any, bool, str | None]:
-    """What was tracked, whether several cameras saw it, and why it ends before its scene does, if it does."""
+    """Tracked source, whether several cameras saw it, and the reason if it ends before its scene does."""
     from poseppl.motion.sources import scene_of, with_body
     from poseppl.motion.tracking import TrackStopped, smooth_recording, track
     from poseppl.runs.algorithms import FILTERS
@@ -194,9 +186,9 @@ def _tracked(
 
 
 def _smoothed(tracked: Any, source: Any, several: bool, settings: TrackSettings, wanted: Wanted, progress: Any) -> Any:
-    """A result smoothed, of keypoints with a detector's lasting errors; None where they could not be, which is reported.
+    """A smoothed result, of keypoints with a detector's autocorrelated errors; None and a report if that fails.
 
-    One camera does not tell errors that last from how far away the person is: there they are independent.
+    One camera cannot separate autocorrelated errors from the person's depth: its errors are independent.
 
     Raises:
         PosepplError: The result, which is written, cannot be smoothed by the method that was asked for.
@@ -242,7 +234,7 @@ def write_results(
     Args:
         tree: The result.
         plan: Its files.
-        progress: Is told of the stages, and of what fails and costs no result.
+        progress: Reports the stages, and failures that cost no result.
         model: Builder of the body, where it is not the usual one.
         overlay: Draws over the videos, and returns rows.
         smooth: Returns the smoothed result, or None.

@@ -22,7 +22,7 @@ _EXPECTED = "a StateSpaceModel, or a function without arguments that returns one
 
 
 class Series(NamedTuple):
-    """What a file holds of one series: data and inputs by name, (T, ...), and frame numbers (T,) or None."""
+    """One series from a file: data and inputs by name, (T, ...), and frame numbers (T,) or None."""
 
     data: dict[str, NDArray[Any]]
     inputs: dict[str, NDArray[Any]] | None
@@ -63,24 +63,41 @@ def load_programs(name: str) -> StateSpaceModel:
     return found
 
 
-def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str, float] | None) -> CompiledModel:
+def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str, Any] | None = None) -> CompiledModel:
     """Compile them, for the inputs (T, ...) that a table has.
 
     Raises:
-        InputError: They are no state-space model, or want parameters.
+        InputError: They are no state-space model.
     """
     first = None if inputs is None else {name: values[0] for name, values in inputs.items()}
     try:
-        number = jnp.result_type(float).type
-        model = programs.compile(first, None if params is None else {name: number(value) for name, value in params.items()})
+        return programs.compile(first, params)
     except ValueError as error:
-        hints = ["--inputs NAME for each column that they read"] * (inputs is None), ["--param NAME=NUMBER"] * (params is None)
+        hints = (
+            ["--inputs NAME for each column that they read"] * (inputs is None),
+            ["--param NAME=NUMBER"] * (params is None and programs.parameters is None),
+        )
         expected = " and ".join(part for hint in hints for part in hint) if "It got" in str(error) else ""
         raise InputError(str(error), field="MODEL", expected=expected or None) from error
-    if model.unbound:
-        wanted = " ".join(f"--param {name}=NUMBER" for name in jax.eval_shape(model.sample_parameters, jax.random.key(0)))
-        raise InputError("its programs have parameters", field="MODEL", expected=wanted)
-    return model
+
+
+def bound_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str, Any] | None) -> CompiledModel:
+    """Compile them with their parameters, if they have any.
+
+    Raises:
+        InputError: They are no state-space model, or want parameters, or others.
+    """
+    number = jnp.result_type(float)
+    given = None if params is None else {name: np.asarray(value, number) for name, value in params.items()}
+    if programs.parameters is None:
+        return compile_programs(programs, inputs, given)
+    model = compile_programs(programs, inputs)
+    wanted = list(jax.eval_shape(model.sample_parameters, jax.random.key(0)))
+    if given is None or set(wanted) != set(given):
+        expected = " ".join(f"--param {name}=NUMBER" for name in wanted) + ", or --fit FILE of poseppl fit"
+        others = f", and not {', '.join(given)}" if given else ""
+        raise InputError(f"its programs have parameters{others}", field="MODEL", expected=expected)
+    return model.with_params(given)
 
 
 def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> tuple[NumberTable, Any]:

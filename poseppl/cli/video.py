@@ -15,7 +15,7 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
 
     Args:
         recording: The motion capture file; the built-in walk if None.
-        options: Of the command.
+        options: Options of the command.
 
     Raises:
         InputError: An option or an input cannot be used.
@@ -45,8 +45,8 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     start_jax()
     progress = ConsoleProgress(options["quiet"], doing="rendering")
     subject = subject_of(settings, options["turn"])
-    for told in subject.notes:
-        progress.note(Phrase(f"{recording}: ", told))
+    for note in subject.notes:
+        progress.note(Phrase(f"{recording}: ", note))
     setting = build_setting(
         subject.body.tree.marker_names,
         subject.complete_markers(),

@@ -1,18 +1,20 @@
 """Diagnostics of a result: mixing, degeneracy, calibration, and what they mean in words."""
 
+from poseppl.diagnostics.approximation import (
+    ApproximationFigures as ApproximationFigures,
+    approximation_figures as approximation_figures,
+)
 from poseppl.diagnostics.autocorrelation import autocorrelation as autocorrelation
 from poseppl.diagnostics.calibration import (
     LEVELS as LEVELS,
     Coverage as Coverage,
-    JointError as JointError,
     coverage as coverage,
     inside_interval as inside_interval,
-    joint_error as joint_error,
     probability_transform as probability_transform,
     reference_coverage as reference_coverage,
 )
 from poseppl.diagnostics.comparison import compare as compare, comparison_table as comparison_table
-from poseppl.diagnostics.diagnosis import diagnose as diagnose, root_index as root_index
+from poseppl.diagnostics.diagnosis import diagnose as diagnose
 from poseppl.diagnostics.forecasts import (
     ForecastScore as ForecastScore,
     HindcastScore as HindcastScore,

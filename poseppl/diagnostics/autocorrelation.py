@@ -29,8 +29,9 @@ def array_stats() -> Any:
 def autocovariance(draws: Floats) -> Floats:
     r"""Autocovariance of each chain about the mean of all chains (the biased estimate, a sum over n at every lag).
 
-    ArviZ's ``autocov`` is about each chain's own mean. With d the draws less that mean, delta its distance from the mean of
-    all, and P_k the sum of the first k of d, the other is ``autocov_k + delta (P_{n-k} - P_k) / n + (1 - k/n) delta^2``.
+    ArviZ's ``autocov`` is about each chain's own mean. Let d be the draws less that mean, and delta the distance of that mean
+    from the mean of all draws. Let P_k be the sum of the first k entries of d. The autocovariance about the mean of all draws
+    is ``autocov_k + delta (P_{n-k} - P_k) / n + (1 - k/n) delta^2``.
 
     Args:
         draws: (chain, draw, ...).

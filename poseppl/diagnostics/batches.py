@@ -14,8 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
+from scipy.special import stdtrit
 
 from poseppl.arrays import Floats
 
@@ -81,4 +81,4 @@ def _error(residual: Floats) -> tuple[float, float]:
         return float("nan"), float("nan")
     sums = np.array([part.sum() for part in np.array_split(residual, number)])
     error = float(np.sqrt(number / (number - 1) * np.square(sums).sum()) / len(residual))
-    return error, float(scipy.stats.t.ppf((1 + CONFIDENCE) / 2, number - 1)) * error
+    return error, float(stdtrit(number - 1, (1 + CONFIDENCE) / 2)) * error

@@ -1,8 +1,8 @@
-"""Whether a posterior is calibrated: coverage of its intervals, errors of its means, and ranks of the truth among its draws.
+"""Whether a posterior is calibrated: coverage of its intervals, and ranks of the truth among its draws.
 
-The truths of neighbouring frames lie inside or outside of their intervals together, and those of one body do so too, so the
-standard error of a coverage comes from whole sequences where there are several, and from batches of consecutive frames where
-there is one. It is never below that of as many independent trials.
+True values of neighbouring frames lie inside or outside of their intervals together, and so do those of one state. The standard
+error of a coverage is therefore computed between sequences, or between batches of consecutive frames if there is one sequence.
+It is never below the standard error of as many independent trials.
 
 >>> inside = np.random.default_rng(0).random((400, 5)) < 0.9
 >>> result = coverage(inside, 0.9)
@@ -35,13 +35,6 @@ class Coverage(NamedTuple):
     estimate: float
     standard_error: float
     trials: int
-
-
-class JointError(NamedTuple):
-    """Distances in mm between the posterior mean and the truth, (frame, marker): absolute and relative to the root marker."""
-
-    absolute: Floats
-    relative: Floats
 
 
 def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> Booleans:
@@ -127,22 +120,6 @@ def reference_coverage(result: xr.DataTree, reference: xr.DataTree) -> Interval:
         )
     free = (high > low).any(0)
     return mean_interval(((low <= draws) & (draws <= high))[..., free].mean((0, 1, 3)))
-
-
-def joint_error(mean: ArrayLike, truth: ArrayLike, root: int = 0) -> JointError:
-    """Distance between estimated and true markers.
-
-    Args:
-        mean: (frame, marker, 3) in mm.
-        truth: (frame, marker, 3) in mm.
-        root: Index of the marker (the pelvis) that is moved onto the truth for the relative error.
-
-    Returns:
-        Both errors, in mm.
-    """
-    difference = np.asarray(mean, np.float64) - np.asarray(truth, np.float64)
-    relative = difference - difference[:, root : root + 1]
-    return JointError(np.linalg.norm(difference, axis=-1), np.linalg.norm(relative, axis=-1))
 
 
 def probability_transform(draws: ArrayLike, truth: ArrayLike) -> Floats:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.batches import mean_interval
 from poseppl.diagnostics.calibration import coverage
 from poseppl.diagnostics.evidence import evidence_of_run, evidences
 from poseppl.diagnostics.forecasts import forecasts_of_runs
@@ -31,7 +32,8 @@ from poseppl.errors import FilePath, InputError
 from poseppl.runs.contents import group_of
 from poseppl.runs.results import provenance
 
-_BY_CELL = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
+COSTS = ("ess_per_second", "ess_per_gradient", "ess_per_evaluation")
+_BY_CELL = ("tau", "tau_se", "ess", *COSTS, "rhat", "error", "error_over_sd")
 _BY_FRAME = ("rejection", "evaluations", "joint_error", "joint_error_relative")
 
 
@@ -48,11 +50,12 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         A tree of groups with the coordinates ``run``, ``frame``, ``state_dim``, ``level``, ``quantity`` and ``setting``:
 
         * ``figures``: see :mod:`poseppl.diagnostics.run_figures`, with a dimension ``run``;
-        * ``summary``: over the frames, by ``run`` and ``state_dim``: means of ``tau`` and ``error``, the median of
-          ``error_over_sd``, harmonic means of ``ess``, ``ess_per_second`` and ``ess_per_evaluation``, the largest ``rhat``,
-          and ``coverage`` with ``coverage_se`` by level; the same for all degrees of freedom together with ``_all`` behind
-          the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
-          ``joint_error_relative_all``; and the runs that are ``miscalibrated``, and left out of comparisons of ESS;
+        * ``summary``: statistics over the frames, by ``run`` and ``state_dim``. Means: ``tau`` (its standard error ``tau_se``
+          by batches of frames) and ``error``. Medians: ``error_over_sd``. Harmonic means: ``ess``, ``ess_per_second``,
+          ``ess_per_gradient`` and ``ess_per_evaluation``. Maxima: ``rhat``. By level: ``coverage`` with ``coverage_se``. The
+          suffix ``_all`` marks statistics of all degrees of freedom together. Further statistics are the median
+          ``tau_median_all`` and the means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
+          ``joint_error_relative_all``. Runs that are ``miscalibrated`` are left out of comparisons of ESS;
         * ``winner`` and ``winner_by_state_dim``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
         * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`;
@@ -111,10 +114,7 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
         figures: The figures of all runs, with a dimension ``run``.
     """
     cells, frames = (_finite(figures[list(names)]) for names in (_BY_CELL, _BY_FRAME))
-    data: dict[str, Any] = {}
-    for name, values in cells.items():
-        reduced = _FORMS.get(str(name), xr.DataArray.mean)
-        data |= {str(name): reduced(values, "frame"), f"{name}_all": reduced(values, ("frame", "state_dim"))}
+    data = over_frames(cells) | {f"{name}_all": each for name, each in over_frames(cells, "state_dim").items()}
     data["tau_median_all"] = cells["tau"].median(("frame", "state_dim"))
     data |= {f"{name}_all": values.mean("frame") for name, values in frames.items()}
     for ending, trials in (("", ["frame"]), ("_all", ["frame", "state_dim"])):
@@ -128,6 +128,16 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
         )
     ninety = [data[f"coverage{part}_all"].sel(level=0.9, method="nearest").values for part in ("", "_se")]
     return xr.Dataset(data).assign(miscalibrated=("run", is_miscalibrated(*ninety)))
+
+
+def over_frames(figures: xr.Dataset, *more: str) -> dict[str, xr.DataArray]:
+    """Sum the figures of cells up over the frames, and over more dimensions; see :func:`compare`."""
+    dims = ["frame", *more]
+    data = {name: _FORMS.get(name, xr.DataArray.mean)(figures[name], dims) for name in _BY_CELL}
+    error = xr.apply_ufunc(
+        lambda tau: mean_interval(tau).standard_error, figures["tau"], input_core_dims=[dims], vectorize=True
+    )
+    return data | {"tau_se": error.fillna(data["tau_se"])}
 
 
 def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
@@ -171,5 +181,5 @@ def _coverage(inside: Any, level: float) -> tuple[float, float]:
 
 
 _FORMS: dict[str, Any] = {"rhat": xr.DataArray.max, "error_over_sd": xr.DataArray.median} | dict.fromkeys(
-    ("ess", "ess_per_second", "ess_per_evaluation"), _harmonic
+    ("ess", *COSTS), _harmonic
 )

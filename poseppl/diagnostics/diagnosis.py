@@ -1,13 +1,12 @@
 """All diagnostics of a result, as one more group of its tree.
 
-For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim) and ``autocorrelation`` (lag,
-frame, state_dim) come from the draws in the result: where the run kept every k-th draw, they refer to those. For weighted
-particles the stored draws are a resampled thinning and contain no such information; ``ess`` is the effective number of each
-frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
-``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are also ``joint_error`` and
-``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, state_dim), ``probability_transform`` (frame,
-state_dim), and the coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the
-state, ``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
+For Markov chains ``tau``, its standard error ``tau_se``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim)
+and ``autocorrelation`` (lag, frame, state_dim) come from the draws in the result: where it has every k-th draw, they refer
+to those. For weighted particles the stored draws are a resampled thinning and contain no such information; ``ess`` is the
+effective number of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of
+particles over it. ``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are also ``inside``
+(level, frame, state_dim), ``probability_transform`` (frame, state_dim), and the coverage of central intervals with its standard
+error: ``coverage`` and ``coverage_se`` (level,) of the state. Packages add measures of their own (`extensions`).
 """
 
 from __future__ import annotations
@@ -20,9 +19,10 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
-from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
+from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, probability_transform
+from poseppl.diagnostics.extensions import extension_of
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, names_of, nearest_turn, variable
+from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, nearest_turn, variable
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -50,6 +50,8 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
     if "acceptance_rate" in stats and np.isfinite(stats["acceptance_rate"]).any():
         data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
     data |= _against_truth(tree)
+    extension = extension_of(tree, "measures")
+    data |= {} if extension is None else extension.measure(tree)
     used = {dim for dims, _ in data.values() for dim in dims}
     known: Any = {**posterior.coords, **flat_draws(tree).coords, "level": LEVELS}
     coords = {name: np.asarray(values) for name, values in known.items() if name in used}
@@ -61,29 +63,6 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
 def diagnosed(tree: xr.DataTree) -> xr.DataTree:
     """The result itself if it has the group ``diagnostics``, else with it."""
     return tree if "diagnostics" in tree.children else diagnose(tree)
-
-
-def root_index(tree: xr.DataTree) -> int:
-    """Index of the marker that relative errors are measured from: :func:`named_root`, or 0 where there is none."""
-    return named_root(tree) or 0
-
-
-def named_root(tree: xr.DataTree) -> int | None:
-    """Index of the marker that is the root of a body.
-
-    Args:
-        tree: The result.
-
-    Returns:
-        The index of the marker named in the attribute ``root`` of ``body``; else of the first marker with "pelvis", "root" or
-        "hips" in its name; else None.
-    """
-    markers = names_of(tree, "marker")
-    named = str(group_of(tree, "body").attrs.get("root", ""))
-    if named in markers:
-        return markers.index(named)
-    found = (index for word in ("pelvis", "root", "hips") for index, name in enumerate(markers) if word in name.lower())
-    return next(found, None)
 
 
 def _chains(state: xr.DataArray, max_lag: int) -> dict[str, Any]:
@@ -110,25 +89,35 @@ def _weighted(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
-    mean, markers = variable(tree, "summary", "markers_mean"), variable(tree, "truth", "markers")
-    data: dict[str, Any] = {}
-    if mean is not None and markers is not None:
-        errors = zip(("joint_error", "joint_error_relative"), joint_error(mean, markers, root_index(tree)), strict=True)
-        data |= {name: (("frame", "marker"), error) for name, error in errors}
-    for site, name in (("state", "coverage"), ("markers", "coverage_markers")):
-        draws, true = draws_of(tree, site), variable(tree, "truth", site)
-        if draws is None or true is None:
-            continue
-        inside = np.stack([_inside(tree, site, draws, true, level) for level in LEVELS])
-        valid = (draws.max(axis=(0, 1)) > draws.min(axis=(0, 1))) & np.isfinite(true)  # a clamped coordinate has no interval
-        found = [coverage(part, level, valid=valid)[1:3] for part, level in zip(inside, LEVELS, strict=True)]
-        data[name], data[f"{name}_se"] = ((("level",), column) for column in np.array(found).T)
-        if site == "state":
-            data["inside"] = (("level", *_GRID), inside)
-            about = tree["summary"].dataset["state_mean"].values  # angles are compared in one turn
-            near = (nearest_turn(tree, values, about) for values in (draws, true))
-            data["probability_transform"] = (_GRID, probability_transform(*near))
-    return data
+    draws, true = draws_of(tree, "state"), variable(tree, "truth", "state")
+    if draws is None or true is None:
+        return {}
+    inside, shares = coverage_of_site(tree, "state")
+    about = tree["summary"].dataset["state_mean"].values  # angles are compared in one turn
+    near = (nearest_turn(tree, values, about) for values in (draws, true))
+    ranks = probability_transform(*near)
+    return shares | {"inside": (("level", *_GRID), inside), "probability_transform": (_GRID, ranks)}
+
+
+def coverage_of_site(tree: xr.DataTree, site: str) -> tuple[Booleans, dict[str, Any]]:
+    """Which true values of the flat state or an extra lie in central intervals, and their shares by level.
+
+    Args:
+        tree: A result with the truth of it.
+        site: Its name.
+
+    Returns:
+        (level, frame, ...), and the variables ``coverage`` and ``coverage_se`` of the state, or those with ``_site`` after
+        ``coverage``.
+    """
+    draws, true = draws_of(tree, site), variable(tree, "truth", site)
+    assert draws is not None and true is not None
+    inside = np.stack([_inside(tree, site, draws, true, level) for level in LEVELS])
+    valid = (draws.max(axis=(0, 1)) > draws.min(axis=(0, 1))) & np.isfinite(true)  # a clamped coordinate has no interval
+    found = [coverage(part, level, valid=valid)[1:3] for part, level in zip(inside, LEVELS, strict=True)]
+    name = "coverage" if site == "state" else f"coverage_{site}"
+    columns = zip((name, f"{name}_se"), np.array(found).T, strict=True)
+    return inside, {key: (("level",), column) for key, column in columns}
 
 
 def _inside(tree: xr.DataTree, site: str, draws: NDArray[Any], truth: NDArray[Any], level: float) -> Booleans:

@@ -1,17 +1,17 @@
 r"""Monte Carlo error that a filter of few points hands on from frame to frame, which needs no truth.
 
-A posterior that n points carry to the next frame, by their mixture, has a mean with the error P_t / n, and a variance that is
-too small by P_t / n on average, P_t being the posterior's variance of a coordinate. Errors are then larger than the filter
-claims, by an excess of variance X_t. A frame hands on of all these what its data leave and the transition keeps, the matrix K_t
-of :mod:`poseppl.runs.predictive` (`transfer`):
+A posterior that n points carry to the next frame, by their mixture, has a mean with the error P_t / n. Its variance is too
+small by P_t / n on average. P_t is the posterior variance of a coordinate. Errors are then larger than the filter claims, by an
+excess of variance X_t. A frame passes on the part of this excess that its data leave and that the transition keeps: the matrix
+K_t of :mod:`poseppl.runs.predictive` (`transfer`):
 
     X_t = K_t (X_(t-1) + 2 P_(t-1) / n) K_t'.
 
-Without it, and for up to ten or more than 40 coordinates, each coordinate is treated by itself, with (1 - s_t) a_t in place of
-K_t, s_t and a_t being the share that data can explain and the slope of :mod:`poseppl.diagnostics.unreached`. For a body that
-would miss most: data inform each coordinate, but not what several have in common, such as the depth in one camera. A
-coordinate's inflation is 1 + sum X_t / sum P_t over frames. It has no random error, so it also works for short sequences. It is
-of first order in 1 / n.
+Without K_t, and for up to ten or more than 40 coordinates, each coordinate is treated by itself, with (1 - s_t) a_t in place of
+K_t. Here s_t is the share of variance that data can explain, and a_t the slope of :mod:`poseppl.diagnostics.unreached`. For a
+body that would miss most of the excess: data inform each coordinate, but not what several have in common, such as the depth in
+one camera. A coordinate's inflation is 1 + sum X_t / sum P_t over frames. It has no random error, so it also works for short
+sequences. It is of first order in 1 / n.
 """
 
 from __future__ import annotations

@@ -16,9 +16,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.diagnostics.batches import CONFIDENCE, ratio_interval
@@ -143,7 +143,7 @@ def _reach(inside: Booleans, seen: Booleans) -> float:
     residual = np.where(seen, inside - HINDCAST_LEVEL, 0.0).reshape(starts, -1).sum(1)
     count = seen.reshape(starts, -1).sum(1)
     variance = np.clip(np.square(residual).sum(), trial * count.sum(), trial * np.square(count).sum())
-    return float(scipy.stats.norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(horizon * variance) / max(count.sum(), 1))
+    return float(ndtri((1 + CONFIDENCE) / 2) * np.sqrt(horizon * variance) / max(count.sum(), 1))
 
 
 def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:

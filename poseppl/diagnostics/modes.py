@@ -1,14 +1,14 @@
 r"""Modes of each frame's draws: groups with a gap between them, each with its share of the probability.
 
-A group of draws is divided in two where that makes the variance along an axis least, of which each coordinate is tried and the
-principal axes of largest variance, if both parts have a twentieth of all draws and ten or more, and their distance in units of
-their own spreads,
+A group of draws is divided in two at the point of an axis that minimises the variance along it. The axes are each coordinate
+and the principal axes of largest variance. Both parts must have at least a twentieth of all draws, and at least ten. Their
+distance in units of their own standard deviations,
 
     D = |m_1 - m_2| / sqrt((v_1 + v_2) / 2)
 
 (Ashman, Bird and Zepf 1994, doi:10.1086/117248), is at least 4: the halves of a normal distribution are 2.65 apart, those of a
-uniform one 3.46. Parts are divided again in the same way. Two modes that touch count as one therefore. Markers are taken
-relative to their centre, and the centre by itself, for how a limb leans is often known better than where its body stands.
+uniform one 3.46. Parts are divided again in the same way. Two modes that touch count as one therefore. Positions
+in space are taken relative to their centre, and the centre by itself, for a shape is often known better than where it stands.
 
 >>> rng = np.random.default_rng(0)
 >>> draws = np.where(rng.uniform(size=500) < 0.3, -3.0, 3.0) + 0.5 * rng.normal(size=500)
@@ -43,9 +43,8 @@ class Modes(NamedTuple):
     Attributes:
         frames: Frame numbers (T,).
         masses: Probability of each mode (T, K); 0 where a frame has fewer.
-        means: Mean of each mode's draws (T, K, ...): of the markers, mm, or of the state where there are none; NaN where a
-            frame has fewer.
-        names: The first dimension of a mean: names of markers or coordinates.
+        means: Mean of each mode's draws (T, K, ...), of the state or of positions; NaN where a frame has fewer.
+        names: The first dimension of a mean: names of coordinates or positions.
     """
 
     frames: Integers
@@ -61,8 +60,8 @@ class Ambiguity(NamedTuple):
         arose: Number of the first of these frames.
         resolved: Number of the first frame after them, None if there is none: the recording ends first.
         lesser: The most probability that all modes but the first have in one of the frames.
-        place: The marker or coordinate by which the two most probable modes differ most, in that frame.
-        apart: By how much, mm of a marker, or the coordinate's own unit.
+        place: The coordinate or position by which the two most probable modes differ most, in that frame.
+        apart: By how much, in its unit.
     """
 
     arose: int
@@ -72,16 +71,17 @@ class Ambiguity(NamedTuple):
     apart: float
 
 
-def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
+def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None, *, of: str = "state") -> Modes:
     """Find the modes of each frame of a result.
 
     Args:
         tree: The result; its chains or resampled particles count alike.
         chosen: Indices of frames; all if None.
+        of: The flat state, or positions (chain, draw, frame, K, 3), which are compared by their shape as well.
     """
-    name = "markers" if draws_of(tree, "markers") is not None else "state"
-    values = draws_of(tree, name)
-    assert values is not None
+    values = draws_of(tree, of)
+    if values is None:
+        raise ValueError(f"the result has no draws of {of}")
     draws = np.moveaxis(values.reshape(-1, *values.shape[2:]), 0, 1)
     wanted = np.arange(len(draws)) if chosen is None else chosen
     masses, means = np.zeros((len(wanted), MAX_MODES)), np.full((len(wanted), MAX_MODES, *draws.shape[2:]), np.nan)
@@ -91,12 +91,12 @@ def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
             masses[row, label] = (labels == label).mean()
             means[row, label] = draws[frame][labels == label].mean(0)
     most = int((masses > 0).any(0).sum())
-    names = names_of(tree, "marker" if name == "markers" else "state_dim")
+    names = names_of(tree, "state_dim" if of == "state" else str(tree["posterior"][of].dims[3]))
     return Modes(frame_numbers(tree)[wanted], masses[:, :most], means[:, :most], names)
 
 
 def _features(draws: Array) -> Array:
-    """The space of the search for modes: standardised states (N, k); for markers (N, K, 3) the centre and offsets from it."""
+    """The space of the search for modes: standardised states (N, k); for positions (N, K, 3) the centre and offsets from it."""
     if draws.ndim == 2:
         return np.asarray(draws / np.maximum(draws.std(0), 1e-12))
     centre = draws.mean(1)

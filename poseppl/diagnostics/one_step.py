@@ -6,9 +6,9 @@ and Vehtari 2020, doi:10.1080/00949655.2020.1783262, with nothing refitted, as f
 
     arviz.compare({"trend": one_step_elpd(trend), "level": one_step_elpd(level)})
 
-``arviz.loo`` of draws of states has to take each datum back out of the very state that it was seen of, by importance weights
-whose variance is infinite where a datum says more of its state than all others do. Then it is far too high, and cannot
-distinguish models; its Pareto k says so.
+``arviz.loo`` of draws of states has to remove each datum from the posterior of the state that it observes, by importance
+weights. Their variance is infinite if a datum says more about its state than all others do. The estimate is then far too high
+and cannot distinguish models, as its Pareto k shows.
 """
 
 from __future__ import annotations

@@ -7,12 +7,11 @@ that is the mean joint error in mm; without markers the mean over coordinates of
 
 The run of the smallest mean loss is the best. Every other run is compared with it on the same frames
 (:func:`poseppl.diagnostics.batches.log_ratio`): one whose ratio lies outside of its 95 % interval about 1 has lost; the others
-are not worse. The best has won if it is alone; several are a tie. Runs without a figure do not take part, frames without it for
-a run that does are left out for all, and with fewer than two runs there is no comparison. The time of a run is one measurement,
-whose own noise the frames do not show: for ``ess_per_second`` the ends of the interval are 10 % further off. A single frame
-decides nothing: all runs that take part in it tie. A run whose 90 % intervals cover less than 75 % of the truth by more than
-two standard errors is left out of the comparisons
-of ESS: draws of a wrong posterior are worth nothing, however many.
+are not worse. The best has won if it is alone; several are a tie. Runs without the statistic do not take part. A frame without
+it for one of the other runs is left out for all. With fewer than two runs there is no comparison. The time of a run is one
+measurement, whose own noise the frames do not show: for ``ess_per_second`` the interval is 10 % wider at each end. A single
+frame decides nothing: all runs that take part in it tie. A run whose coverage of 90 % intervals is below 75 % by more than two
+standard errors is left out of comparisons of ESS, because draws of a wrong posterior have no value.
 """
 
 from __future__ import annotations
@@ -25,7 +24,12 @@ import xarray as xr
 from poseppl.arrays import Booleans, Floats
 from poseppl.diagnostics.batches import log_ratio
 
-QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
+QUANTITIES = {
+    "ess_per_second": "highest ESS per second",
+    "ess_per_evaluation": "highest ESS per evaluation",
+    "error": "smallest error",
+}
+"""The quantities, and what the best run has."""
 TIE = "tie"
 MIN_COVERAGE = 0.75
 """Coverage of 90 % intervals below which a run is left out of comparisons of ESS."""

@@ -37,8 +37,8 @@ from poseppl.smoothers.inner_filter import filter_for
 
 RHAT_ERROR, RHAT_WARNING = 1.1, 1.02
 """R-hat of a parameter's chains from which they do not agree, and from which they hardly do."""
-ESS_WARNING = 100.0
-"""Effective draws of a parameter below which its intervals are rough."""
+ESS_ERROR, ESS_WARNING = 10.0, 100.0
+"""Effective draws of a parameter below which its chains say nothing of it, and below which its intervals are rough."""
 
 
 def predictions_under(
@@ -129,9 +129,10 @@ def _mixing(name: str, draws: Any) -> Findings:
         yield Verdict(ERROR, f"{stuck} of {len(flat)} chains of {name} never moved: {cure}.")
         return
     figures = mixing(flat)
-    rhat, ess = float(np.nanmax(figures.rhat)), float(np.nanmin(figures.ess))
+    rhat, ess = float(np.nanmax(figures.rhat, initial=1.0)), float(np.nanmin(figures.ess))
     if rhat > RHAT_WARNING:
         severity = ERROR if rhat > RHAT_ERROR else WARNING
         yield Verdict(severity, f"Chains of {name} do not agree (R-hat {rhat:.2f}): more draws, more warm-up or another start.")
     elif ess < ESS_WARNING:
-        yield Verdict(WARNING, f"Only {ess:.0f} effective draws of {name}: its intervals are rough; take more draws.")
+        severity, result = (ERROR, "means and intervals are unusable") if ess < ESS_ERROR else (WARNING, "intervals are rough")
+        yield Verdict(severity, f"Only {ess:.0f} effective draws of {name}: its {result}; take more draws.")

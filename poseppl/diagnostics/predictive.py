@@ -7,17 +7,17 @@ G = P / (P + R) the gain. With standardised innovations z / sqrt(P + R), two mom
 * their square:       E[z_t^2] = 1 + G (rho - 1),
 * their products:     E[z_t z_(t-1)] ~ G (1 - G) (rho - 1),
 
-the second because a filter whose gain is right leaves nothing in its innovations that the next frame repeats (Mehra 1970,
-doi:10.1109/TAC.1970.1099422), while one that trusts itself too much takes too little of an error away. The first knows rho
-where the state is less certain than the data, the second also where the noise hides it. Both are estimated over all
-entries and frames, with standard errors by batches of frames, and joined by inverse variance. Innovations are cut off at
-four standard deviations, so that a few gross errors do not decide.
+the second because the innovations of a filter with the right gain are uncorrelated from frame to frame (Mehra 1970,
+doi:10.1109/TAC.1970.1099422), while an overconfident filter corrects too little of an error. The first determines rho where the
+state is less certain than the data, the second also where the noise hides it. Both are estimated over all entries and frames,
+with standard errors by batches of frames, and joined by inverse variance. Innovations are cut off at four standard deviations,
+so that a few gross errors do not decide.
 
-If the predictions are right, the ranks u_t of the innovation chi-square are uniform and independent, exactly, so that Fisher's
-sum -2 sum log(1 - u_t) has the chi-square distribution of 2 T degrees of freedom (Fisher 1932, section 21.1): `chance` is the
-probability of frames that come out as far as these or farther. It needs no batches, and works for short sequences, too. The
-innovation chi-square over its mean, less 1, divided by the state's share in that mean, is rho - 1 again: of errors that no
-entry shows by itself, such as those of a filter that has lost the mode it should be in.
+If the predictions are right, the ranks u_t of the innovation chi-square are exactly uniform and independent. Fisher's sum -2
+sum log(1 - u_t) then has the chi-square distribution with 2 T degrees of freedom (Fisher 1932, section 21.1), and `chance` is
+its tail probability. It needs no batches, so it also works for short sequences. The innovation chi-square over its mean, less
+1, divided by the state's share in that mean, is another estimate of rho - 1. It includes errors that no entry shows by itself,
+such as those of a filter that has lost the right mode.
 
 A rho below 1 judges predictions, not the states after their data: of a gain near 1 these hardly depend on the prediction.
 Products show what is too large. With kappa, the true variance of the noise over the claimed one, E[z_t z_(t-1)] is
@@ -36,7 +36,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.special import chdtrc, ndtr, ndtri
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
@@ -84,8 +84,8 @@ def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
     Args:
         prediction: With a leading T.
     """
-    told = (np.asarray(np.nan if leaf is None else leaf, np.float64) for leaf in prediction)
-    transform, innovation, state, noise, chi_square, ranks, share = told
+    values = (np.asarray(np.nan if leaf is None else leaf, np.float64) for leaf in prediction)
+    transform, innovation, state, noise, chi_square, ranks, share = values
     known, total = np.isfinite(transform), np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
     squares = ratio_interval(white**2 - 1, gain)
@@ -106,7 +106,7 @@ def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
 
 def implied_coverage(inflation: float) -> float:
     """Coverage of 90 % intervals of a Gaussian whose true variance is so many times the claimed one."""
-    return float(2 * scipy.stats.norm.cdf(scipy.stats.norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
+    return float(2 * ndtr(ndtri(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
 
 
 def farthest_stretch(prediction: DataPrediction) -> tuple[int, int]:
@@ -129,7 +129,7 @@ def _chance(ranks: Floats) -> float:
     """Upper tail of Fisher's sum."""
     if not len(ranks):
         return float("nan")
-    return float(scipy.stats.chi2.sf(2 * _surprise(ranks).sum(), 2 * len(ranks)))
+    return float(chdtrc(2 * len(ranks), 2 * _surprise(ranks).sum()))
 
 
 def _one_more(interval: Interval) -> Interval:

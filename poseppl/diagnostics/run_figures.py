@@ -1,19 +1,23 @@
-r"""The figures of one run for a comparison, each over frames and degrees of freedom, NaN where a run has none.
+r"""The figures of one run for a report and for a comparison, over frames and degrees of freedom, NaN where a run has none.
 
-=========================  ==============================================================================================
-``tau`` (frame, state_dim)       Inefficiency factor: for chains draws / ESS as ArviZ has it, from the draws in the result; for
-weighted particles their number over the effective number of their weights (Choo and Fleet 2001, Eq. 6), the same for every
-degree of freedom. ``ess``                    Draws, or particles, over tau. The ESS of weights cannot see that particles share
-an ancestor. ``ess_per_second``         ESS over the seconds of a frame: those of all frames, without compilation, over their
-number. A smoother's seconds are its own, without those of its filter. ``ess_per_evaluation``     ESS over the evaluations of
-the likelihood and of its gradient at the frame. ``rhat``                   Split R-hat, where there are two chains or more.
-``rejection`` (frame,)     1 - acceptance rate of the chains' moves. ``evaluations`` (frame,)   Evaluations of the likelihood
-and of its gradient. ``mean``, ``sd``           Of the posterior, over all draws or particles, in the unit of the coordinate (mm
-or radians). ``error``                  \|mean - truth\|, in the unit of the coordinate. ``error_over_sd``          The same
-over the posterior standard deviation. ``inside`` (level, ...)    1 where the truth lies in the central interval, 0 where not;
-NaN for clamped coordinates. ``joint_error`` (frame,)   Distance of the mean markers from the truth, averaged over the markers,
-mm. ``joint_error_relative``   The same after the root marker is moved onto its truth. =========================
-==============================================================================================
+* ``tau``, ``tau_se`` (frame, state_dim): Inefficiency factor and its standard error: for chains draws / ESS as ArviZ has it,
+  from the draws in the result; for weighted particles their number over the effective number of their weights (Choo and Fleet
+  2001, Eq. 6), the same for every degree of freedom and without an error.
+* ``ess``: Draws, or particles, over tau. The ESS of weights cannot see that particles share an ancestor.
+* ``ess_per_second``: ESS over the seconds of a frame: those of all frames, without compilation, over their number. A smoother's
+  seconds are its own, without those of its filter.
+* ``ess_per_gradient``, ``ess_per_evaluation``: ESS over the gradients of the likelihood at the frame, and over evaluations of
+  both the likelihood and its gradient.
+* ``rhat``: Split R-hat, where there are two chains or more.
+* ``autocorrelation`` (lag, state_dim): Autocorrelation of the chains, mean over the frames.
+* ``rejection`` (frame,): 1 - acceptance rate of the chains' moves.
+* ``evaluations`` (frame,): Evaluations of the likelihood and of its gradient.
+* ``mean``, ``sd``: Posterior mean and standard deviation, over all draws or particles, in the unit of the coordinate (mm or
+  radians).
+* ``error``: \|mean - truth\|, in the unit of the coordinate; ``error_over_sd`` is the same over the posterior SD.
+* ``inside`` (level, ...): 1 where the truth lies in the central interval, 0 where not; NaN for clamped coordinates.
+* ``joint_error`` (frame,): Distance of the mean markers from the truth, averaged over the markers, mm.
+  ``joint_error_relative`` is the same after the root marker is moved onto its truth.
 
 Methods that approximate the posterior by a formula and draw from that have no Monte Carlo error in their means, and no tau, ESS
 or R-hat; they say so themselves (``closed_form`` of a filter or smoother), and their results after them.
@@ -28,7 +32,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.calibration import LEVELS
-from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.diagnosis import MAX_LAG, diagnosed
 from poseppl.runs.contents import flat_draws, group_of, names_of, nearest_turn, variable
 from poseppl.runs.results import is_weighted, provenance
 
@@ -104,17 +108,17 @@ def _nothing(tree: xr.DataTree, *dims: str) -> xr.DataArray:
 def _mixing(tree: xr.DataTree, kind: str, seconds: float) -> dict[str, Any]:
     found, stats = tree["diagnostics"].dataset, group_of(tree, "sample_stats")
     nothing, of_frames = _nothing(tree, "frame", "state_dim"), _nothing(tree, "frame")
-    tau, ess, rhat = (nothing if kind == FORMULA else found.get(name, nothing) for name in ("tau", "ess", "rhat"))
-    total = sum((stats[name] for name in ("num_likelihood", "num_gradient") if name in stats), xr.zeros_like(of_frames))
-    evaluations = total.where(total > 0)
-    return {
-        "tau": tau,
-        "ess": ess,
-        "ess_per_second": ess / seconds,
-        "ess_per_evaluation": ess / evaluations,
-        "rhat": rhat,
+    names = ("tau", "tau_se", "ess", "rhat")
+    data: dict[str, Any] = {name: nothing if kind == FORMULA else found.get(name, nothing) for name in names}
+    likelihoods, gradients = (stats.get(name, xr.zeros_like(of_frames)) for name in ("num_likelihood", "num_gradient"))
+    evaluations = likelihoods + gradients
+    units = {"second": seconds, "gradient": gradients.where(gradients > 0), "evaluation": evaluations.where(evaluations > 0)}
+    data |= {f"ess_per_{unit}": data["ess"] / each for unit, each in units.items()}
+    rho = found.get("autocorrelation", _nothing(tree, "frame", "state_dim").expand_dims(lag=[0])).mean("frame")
+    return data | {
+        "autocorrelation": rho.assign_coords(lag=np.arange(len(rho))).reindex(lag=np.arange(MAX_LAG + 1)),
         "rejection": found.get("rejection_rate", of_frames) if kind == CHAINS else of_frames,
-        "evaluations": evaluations,
+        "evaluations": units["evaluation"],
     }
 
 

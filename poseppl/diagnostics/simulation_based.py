@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import scipy
 from jax import Array
 from numpy.typing import ArrayLike
+from scipy.special import stdtr
 
 from poseppl.arrays import Floats
 from poseppl.checks import check_at_least, check_key
@@ -195,7 +195,7 @@ def calibration_of(ranks: Floats, names: tuple[str, ...]) -> Calibration:
     sided, wide = centred.mean(1), (12 * centred**2 - 1).mean(1)
     means, errors = zip(*((part.mean(0), part.std(0, ddof=1) / np.sqrt(number)) for part in (sided, wide)), strict=True)
     statistics = np.abs(np.concatenate(means)) / np.concatenate(errors)
-    chance = min(1.0, float(2 * scipy.stats.t.sf(statistics.max(), number - 1) * statistics.size))
+    chance = min(1.0, float(2 * stdtr(number - 1, -statistics.max()) * statistics.size))
     return Calibration(ranks, names, means[0], errors[0], means[1], errors[1], chance)
 
 

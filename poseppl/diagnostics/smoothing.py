@@ -5,10 +5,10 @@ If smoother and model are right, squared residuals of the data and squared steps
 
     E[(m_s - m_f)^2] = P_f - P_s
 
-(law of total variance, given the data that the filter knew), whatever their distributions. If the smoothed means differ from
-the filter's by more than this, or by less, D = sum (m_s - m_f)^2 - (P_f - P_s), the smoothed means have larger errors than
-reported, or the variance is smaller than what the later data can have left. Coordinates are weighed by their filtered variance,
-and what the Monte Carlo errors of both means add to D is taken off.
+(law of total variance, given the data that the filter knew), whatever their distributions. D = sum (m_s - m_f)^2 - (P_f - P_s)
+should be 0. If D is not 0, the smoothed means have larger errors than reported, or the smoothed variance is smaller than the
+later data allow. Coordinates are weighted by their filtered variance. The contribution of the Monte Carlo errors of both means
+is subtracted from D.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ RESIDUAL_HIGH = 1.2
 """Squared residuals of the data over what is expected, from which they are wrong; most of them is noise, not error."""
 STEPS_HIGH = 1.4
 """Squared steps over what is expected, from which they are wrong."""
+MIN_FRAMES = 12
+"""Frames from which the distance of means is judged: in fewer, rare large changes make its interval too narrow."""
 UNKNOWN = Interval(float("nan"), float("nan"), float("nan"))
 
 
@@ -83,7 +85,7 @@ def _distance(tree: xr.DataTree) -> Interval:
     before, spread_before, draws_before = (variable(tree, "filtered", name) for name in ("state_mean", "state_sd", "ess"))
     mean, spread = (variable(tree, "summary", f"state_{name}") for name in ("mean", "sd"))
     draws = variable(tree, "sample_stats", "ess")
-    if before is None or spread_before is None or mean is None or spread is None:
+    if before is None or spread_before is None or mean is None or spread is None or len(mean) < MIN_FRAMES:
         return UNKNOWN
     variance_before, variance = np.square(spread_before, dtype=float), np.square(spread, dtype=float)
     error = variance_before / _effective(draws_before) + variance / _effective(draws)

@@ -66,12 +66,12 @@ def weakly_observed_stats(
     centre, predicted, error = (np.asarray(leaf, np.float64) for leaf in state)
     explained = np.nan_to_num(np.asarray(prediction.explained, np.float64), nan=1.0)
     variance = np.square(np.asarray(standard_deviation, np.float64))
-    told = explained * predicted
-    hardly = told.sum(axis=0) < HARDLY * predicted.sum(axis=0)
+    reached = explained * predicted
+    hardly = reached.sum(axis=0) < HARDLY * predicted.sum(axis=0)
     if not hardly.any():
         return None
     errors = error**2 + variance / np.maximum(np.asarray(ess, np.float64), 1.0)[:, None]
-    excess = (predicted - variance - told) + (np.square(np.asarray(mean, np.float64) - centre) - told - errors)
+    excess = (predicted - variance - reached) + (np.square(np.asarray(mean, np.float64) - centre) - reached - errors)
     kept = _kept(handed_on(prediction))
     ratio = ratio_interval((kept * excess)[:, hardly], variance[:, hardly])
     whole = predicted[:, hardly].sum()
@@ -79,7 +79,7 @@ def weakly_observed_stats(
         hardly,
         ratio._replace(estimate=ratio.estimate + 1),
         float((predicted - variance)[:, hardly].sum() / whole),
-        float(told[:, hardly].sum() / whole),
+        float(reached[:, hardly].sum() / whole),
     )
 
 

@@ -1,11 +1,11 @@
 r"""Whether a filter's posterior is what its own prediction and the frame's data make, which needs no truth.
 
-Draws of the state after frame t - 1, moved by the transition and weighted by the likelihood of frame t's data, are draws of the
-posterior that follows from what the filter itself knew before (importance sampling from the prediction). Their mean w_t and
-covariance W_t estimate those of the posterior, for which the filter reports m_t and P_t. If its updates are right, both agree;
-a filter that linearises too boldly, or counts a frame's data twice, is overconfident or biased. The next frame inherits both
-by K_t, what an error in the state before makes after the frame's data, so that a small displacement in each frame, always to
-one side, adds up,
+Draws of the state after frame t - 1 are moved by the transition and weighted by the likelihood of frame t's data. They are
+draws of the posterior that follows from the filter's own result at t - 1 (importance sampling from the prediction). Their mean
+w_t and covariance W_t estimate those of the posterior, for which the filter reports m_t and P_t. If its updates are right, both
+agree; a filter that linearises too boldly, or counts a frame's data twice, is overconfident or biased. The next frame inherits
+both through K_t, the effect that an error of the previous state has after the frame's data. A small displacement in each frame,
+always to one side, adds up,
 
     C_t = K_t C_(t-1) K_t' + W_t - P_t,
     D_t = K_t D_(t-1) + w_t - m_t,
@@ -65,8 +65,8 @@ def update_figures(
         standard_deviation: Its standard deviation (T, d).
         ess: The filter's effective number of draws (T,).
     """
-    told = prediction.weighted_mean, prediction.weighted_covariance, prediction.memory, mean, standard_deviation
-    centre, weighted, memory, found, deviation = (np.asarray(leaf, np.float64) for leaf in told)
+    arrays = prediction.weighted_mean, prediction.weighted_covariance, prediction.memory, mean, standard_deviation
+    centre, weighted, memory, found, deviation = (np.asarray(leaf, np.float64) for leaf in arrays)
     number, own = (np.nan_to_num(np.asarray(each, np.float64), posinf=np.inf) for each in (prediction.weighted_ess, ess))
     tells = (number >= MIN_DRAWS) & np.isfinite(centre).all(axis=1) & np.isfinite(memory).all(axis=(1, 2))
     share = 1 / np.maximum(number, MIN_DRAWS) + 1 / np.maximum(own, 1.0)
@@ -112,11 +112,11 @@ def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
 
 def _excess(memory: Floats, surer: Floats, apart: Floats, noise: Floats) -> Floats:
     """The diagonals of C_t + D_t D_t' - V_t (T, S, d), from what each frame adds to C (T, S, d, d), D (T, S, d) and V."""
-    told = np.empty(apart.shape)
+    excess = np.empty(apart.shape)
     less, displacement, chance = np.zeros(surer.shape[1:]), np.zeros(apart.shape[1:]), np.zeros(noise.shape[1:])
     for t, kept in enumerate(memory):
         less = kept @ less @ kept.T + surer[t]
         displacement = displacement @ kept.T + apart[t]
         chance = kept @ chance @ kept.T + noise[t]
-        told[t] = np.diagonal(less, axis1=1, axis2=2) + displacement**2 - np.diagonal(chance)
-    return told
+        excess[t] = np.diagonal(less, axis1=1, axis2=2) + displacement**2 - np.diagonal(chance)
+    return excess

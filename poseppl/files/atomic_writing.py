@@ -1,9 +1,9 @@
 """Writing files so that a reader never sees half of one.
 
-A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name, flushed
-with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or Ctrl-C,
-leaves the old file as it was. Leftovers of a killed writer under its temporary name are removed by the next writer of the file:
-writers have a lock, which ends with them.
+A file appears under its name only when all of it is on the disk. It is written in the same folder under a temporary name,
+flushed with ``fsync``, and moved to its name by ``os.replace``, which POSIX makes atomic. An error or Ctrl-C leaves the old
+file unchanged. Leftovers of a killed writer under its temporary name are removed by the next writer of the file: writers have a
+lock, which ends with them.
 """
 
 from __future__ import annotations

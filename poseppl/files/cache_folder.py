@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,6 +13,11 @@ def cache_folder(name: str) -> Path:
     """The folder of that name in ``$XDG_CACHE_HOME/poseppl``, by default ``~/.cache/poseppl``; it need not exist."""
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(home) / "poseppl" / name
+
+
+def xla_folder() -> Path:
+    """The folder of XLA's cache: the one that the environment names, or that of this version of poseppl."""
+    return Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or cache_folder("xla") / version("poseppl"))
 
 
 def ensure_home() -> None:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 from poseppl.errors import Argument, FilePath, InputError, brief
 
-ENDS = {"trc": (".trc", "_lower.trc", "_upper.trc"), "mot": (".mot",), "c3d": (".c3d",), "csv": (".csv",), "rrd": (".rrd",)}
+ENDS = {
+    "trc": (".trc", "_lower.trc", "_upper.trc"),
+    "mot": (".mot",),
+    "osim": (".osim",),
+    "bvh": (".bvh",),
+    "c3d": (".c3d",),
+    "csv": (".csv",),
+    "rrd": (".rrd",),
+}
 
 
 def files_of(folder: FilePath, stem: str, formats: Sequence[str]) -> dict[str, list[Path]]:

@@ -48,8 +48,8 @@ def open_hdf5(path: FilePath, expected: str, max_bytes: int = MAX_BYTES) -> Iter
     except MemoryError as error:
         raise InputError("it does not fit into memory", file=path) from error
     except Exception as error:  # HDF5 raises anything at all on damaged bytes
-        told = "not an HDF5 or NetCDF file, a damaged one, or packed by a filter that HDF5 does not have"
-        raise InputError(told, file=path, expected=expected) from error
+        problem = "not an HDF5 or NetCDF file, a damaged one, or packed by a filter that HDF5 does not have"
+        raise InputError(problem, file=path, expected=expected) from error
 
 
 def child(group: Any, name: str, at: Location) -> Any:

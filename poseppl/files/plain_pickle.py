@@ -1,8 +1,8 @@
 """Pickles of plain values: numbers, texts, bytes, lists, tuples, dicts, and arrays of numbers. Nothing of a pickle is run.
 
 A pickle is a program that may call anything. So its operations are read first, and refused unless each is one of those that
-plain values are made of. Names of functions are compared with the few that NumPy's arrays are pickled with, and stand for
-functions of ours that check what they are given: the array's kind, shape and bytes have to agree. No name is imported.
+plain values need. Names of functions are compared with the few that pickled NumPy arrays use. They are replaced by functions of
+this module, which check their arguments: the array's kind, shape and bytes have to agree. No name is imported.
 
 A small pickle may contain one value many times, and so become huge when it is hashed, copied or written out. Keys of a dict are
 therefore texts and numbers alone, and arrays together have no more bytes than the pickle could bring along.
@@ -92,7 +92,7 @@ class _Array:
 
 
 class _Name:
-    """What a name stands for; of which a pickle may call, and set nothing."""
+    """An object that a name stands for. A pickle may call it, and set nothing."""
 
     def __init__(self, called: Callable[..., Any] | None = None) -> None:
         self._called = called
@@ -220,8 +220,8 @@ def plain_of_pickle(data: bytes, at: Location) -> Any:
     except InputError:
         raise
     except pickle.UnpicklingError as error:
-        told = str(error)
-        raise at.error(told if told.startswith("the pickle") else "a damaged pickle", _EXPECTED) from error
+        problem = str(error)
+        raise at.error(problem if problem.startswith("the pickle") else "a damaged pickle", _EXPECTED) from error
     except Exception as error:  # damaged bytes bring about anything
         raise at.error(f"a damaged pickle, or one of something else: {cut(error, 120)}", _EXPECTED) from error
 
@@ -229,7 +229,7 @@ def plain_of_pickle(data: bytes, at: Location) -> Any:
 def _check_operations(data: bytes) -> None:
     for number, (operation, argument, _) in enumerate(pickletools.genops(data)):
         if operation.name not in _OPERATIONS:
-            raise pickle.UnpicklingError(f"the pickle makes what is no plain value ({operation.name})")
+            raise pickle.UnpicklingError(f"the pickle contains an object that is not a plain value ({operation.name})")
         # The table of what was put aside is as long as the largest number in it.
         if number >= MAX_OPERATIONS or (operation.name in _PUTS and int(argument or 0) > number):
             raise pickle.UnpicklingError("the pickle is too long")

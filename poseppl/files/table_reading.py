@@ -94,10 +94,10 @@ def _column(name: str, places: Sequence[Location], words: Sequence[str]) -> NDAr
     wrong = [index for index, number in enumerate(numbers) if number is None]
     if wrong:
         at, some = places[wrong[0]], any(not math.isnan(number) for number in numbers if number is not None)
-        told = WordAmongNumbers if some else InputError
+        error_class = WordAmongNumbers if some else InputError
         more = f", as in {len(wrong) - 1} more rows" if len(wrong) > 1 else ""
         expected = "a number, or nothing where none is"
-        raise told(f"{brief(words[wrong[0]])}{more}", file=at.file, line=at.line, field=name, expected=expected)
+        raise error_class(f"{brief(words[wrong[0]])}{more}", file=at.file, line=at.line, field=name, expected=expected)
     return np.array(numbers, float)
 
 

@@ -1,25 +1,25 @@
 """The HMC filter with an assumed-density temporal prior: the default tracker.
 
-The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains; in 28 dimensions its M narrow
-components keep the chains near their ancestors, and the intervals come out too narrow. Here the posterior of the last frame is
-summarised by a small mixture of K Gaussians, fitted to all draws of all chains after the warm-up, and the prior is its image
-under the transition, by its first two moments given each draw; with K = 1:
+The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains. In 28 dimensions its M narrow
+components keep the chains near their ancestors, and the intervals are too narrow. Here the posterior of the last frame is
+summarised by a mixture of K Gaussians, fitted to all draws of all chains after the warm-up. The prior is the image of this
+mixture under the transition, by its first two moments given each draw. With K = 1:
 
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
 
 A frame seen by one camera has many modes (each limb may lean towards the camera or away), and chains seldom cross between them.
-So the chains start in all of them: some draws from the prior, and most from the last frame's own draws after a step of the
-transition, climb to their nearest modes by Gauss-Newton, and each chain starts from the Laplace approximation of one of these.
-Modes get chains by their masses, which starts that came to the same one share, with as little chance as a number of chains
-allows (systematic resampling): a mode that now and then gets no chain is lost. The frame's target N(x; m, P) p(z_t | x) is then
-sampled in coordinates whitened by the curvature of the posterior, averaged over the modes.
+So the chains start in all of them. Some draws from the prior, and most draws of the last frame after a step of the transition,
+climb to their nearest modes by Gauss-Newton. Each chain starts from the Laplace approximation of one of these modes. Modes get
+chains in proportion to their masses, by systematic resampling, which has the smallest variance: a mode without a chain in some
+frame would be lost. The frame's target N(x; m, P) p(z_t | x) is then sampled in coordinates whitened by the curvature of the
+posterior, averaged over the modes.
 
 A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
-(Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
-over-confidence. So each component has the density of a Gaussian whose covariance is known from n draws alone, a multivariate t
-(:mod:`poseppl.gaussians.mixture`), n being the effective draws of all chains, from the spread of their means. If steps are
-small relative to the posterior, as in a slow random walk, intervals are far too narrow without it (studies/inflation.py); on
-simulated motion the coverage is closer to its level with it (studies/windows.py).
+(Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and without a correction the filter becomes overconfident
+from frame to frame. So each component has the density of a Gaussian whose covariance is known from n draws alone, a
+multivariate t (:mod:`poseppl.gaussians.mixture`). Here n is the number of effective draws of all chains, from the variance of
+their means. If steps are small relative to the posterior, as in a slow random walk, intervals are far too narrow without it
+(studies/inflation.py); on simulated motion the coverage is closer to its level with it (studies/windows.py).
 
 With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """

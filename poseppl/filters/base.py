@@ -124,6 +124,8 @@ class Filter:
         to_devices: `state -> state`, moves a state that comes from elsewhere, such as a file, to where `step` keeps it.
         initial_state: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it;
             nothing but `step` is then compiled.
+        in_parallel: `(keys (T,), observations, () -> stacked inputs) -> (states, infos)`, all frames at once with a leading T,
+            where a filter can; it returns None where frames are to be run one after the other.
         closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
         evidence: The source of the error of the log-evidence: "weights", whose mean is a frame's evidence and whose ESS is that
             of `FilterInfo`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode
@@ -141,6 +143,7 @@ class Filter:
     step: Callable[[Array, Any, Any, Any], tuple[Any, FilterInfo]]
     to_devices: Callable[[Any], Any] = identity
     initial_state: Callable[[Any, Any], Any] | None = None
+    in_parallel: Callable[[Array, Any, Callable[[], Any]], tuple[Any, FilterInfo] | None] | None = None
     closed_form: bool = False
     evidence: EvidenceError = "runs"
     points: int | None = None
@@ -160,22 +163,22 @@ class Filter:
     @property
     def provenance(self) -> dict[str, Any]:
         """Attributes of a result that describe the filter, for diagnostics."""
-        told = {"closed form": self.closed_form, "evidence": self.evidence}
-        return told if self.points is None else {**told, "points of the past": self.points}
+        properties = {"closed form": self.closed_form, "evidence": self.evidence}
+        return properties if self.points is None else {**properties, "points of the past": self.points}
 
 
 def filter_of_steps(
-    initial_state: Callable[[Any, Any], Any], step: Callable[[Array, Any, Any, Any], tuple[Any, FilterInfo]], **told: Any
+    initial_state: Callable[[Any, Any], Any], step: Callable[[Array, Any, Any, Any], tuple[Any, FilterInfo]], **properties: Any
 ) -> Filter:
     """A filter whose first frame is a step from the state before it.
 
     Args:
         initial_state: The field of :class:`Filter`.
         step: Likewise.
-        told: Other fields.
+        properties: Other fields.
     """
 
     def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, FilterInfo]:
         return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
-    return Filter(init, step, initial_state=initial_state, **told)
+    return Filter(init, step, initial_state=initial_state, **properties)

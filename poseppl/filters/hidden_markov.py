@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -20,8 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.checks import check_choice
 from poseppl.filters.base import Filter, FilterInfo, filter_info
+from poseppl.filters.in_parallel import Schedule, wants_parallel
 from poseppl.filters.sequential_monte_carlo import ParticleState
+from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bijector import integer_bounds as integer_bounds
@@ -29,14 +33,18 @@ from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
 _MAX = 10_000
+_MAX_IN_PARALLEL = 64
+"""Values of a state up to which frames are run in parallel by themselves."""
 
 
 @memoized_builder
-def hidden_markov_filter(model: CompiledModel) -> Filter:
+def hidden_markov_filter(model: CompiledModel, *, schedule: Schedule = "auto") -> Filter:
     """The exact filter of hidden Markov models, whose state has finitely many values.
 
     Args:
         model: The compiled model; all its sites discrete, of finite support.
+        schedule: How `scan_filter` and `log_likelihood` run frames: "parallel" in time, with K^3 operations a frame, one after
+            the other, or "auto", parallel on a GPU or TPU for K up to 64. `infer` runs them one after the other.
 
     Returns:
         The filter; its state is :class:`~poseppl.filters.sequential_monte_carlo.ParticleState` with all K values of the state.
@@ -44,6 +52,7 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
     Raises:
         ValueError: A site that is continuous or unbounded, or more than 10,000 values.
     """
+    check_choice(Schedule, schedule=schedule)
     values = jnp.asarray(state_values(model), jnp.result_type(float))
     count = values.shape[0]
 
@@ -62,7 +71,40 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
         terms = log_transition_matrix(model, values, values, inputs) + state.log_weights
         return update(jax.nn.logsumexp(terms, axis=1), observation, inputs)
 
-    return Filter(init, step, closed_form=True)
+    def in_parallel(keys: Array, observations: Observation, stacked: Callable[[], Any]) -> Any:
+        if not wants_parallel(schedule, count <= _MAX_IN_PARALLEL):
+            return None
+        inputs = stacked()
+        frames = jnp.arange(len(keys)), inputs
+        moves = jax.vmap(lambda _, row: log_transition_matrix(model, values, values, row))(*frames)
+        densities = jax.vmap(lambda observation, row: log_likelihoods(model, values, observation, row))(observations, inputs)
+        first = log_initials(model, values, tree_index(inputs, 0))
+        predicted = _predictions(first, moves, densities)
+        return jax.vmap(update)(predicted, observations, inputs)
+
+    return Filter(init, step, in_parallel=in_parallel, closed_form=True)
+
+
+def _predictions(first: Array, moves: Array, densities: Array) -> Array:
+    """Log-probabilities (T, K) of each frame's values given the data before it.
+
+    Args:
+        first: Those of the first frame (K,).
+        moves: log P(k | j) into each frame (T, K, K), at [t, k, j]; the first one means nothing.
+        densities: log p(z_t | k), (T, K).
+    """
+    start = jnp.broadcast_to(first[:, None], moves.shape[1:])
+    elements = jnp.concatenate([start[None], moves[1:]]) + densities[:, :, None]
+    ends = jax.lax.associative_scan(jax.vmap(_join), elements)[:-1, :, 0]
+    filtered = jax.nn.log_softmax(ends, axis=1)
+    return jnp.concatenate([first[None], jax.nn.logsumexp(moves[1:] + filtered[:, None, :], axis=2)])
+
+
+def _join(earlier: Array, later: Array) -> Array:
+    """Product of two elements (K, K), [to, from], up to a factor, of which normalised values know nothing."""
+    product = jax.nn.logsumexp(later[:, :, None] + earlier[None], axis=1)
+    peak = jax.lax.stop_gradient(jnp.max(product))
+    return product - jnp.where(jnp.isfinite(peak), peak, 0.0)
 
 
 def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:

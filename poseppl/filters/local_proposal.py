@@ -1,7 +1,7 @@
 r"""Gaussian proposals from a local linearisation of the model by automatic differentiation.
 
-For a state before, x', with E[x_t | x'] = \mu and Cov[x_t | x'] = Q, and the curvature I of -log p(z_t | x) and its gradient
-g = d/dx log p(z_t | x) at \mu, the proposal and the predictive likelihood that goes with it are
+Let x' be the previous state, \mu = E[x_t | x'] and Q = Cov[x_t | x']. Let I be the curvature of -log p(z_t | x) and g = d/dx
+log p(z_t | x) its gradient, both at \mu. The proposal and its predictive likelihood are
 
     q(x_t | x') = N(\mu + C g, C),    C = (Q^-1 + I)^-1,
     log p(z_t | x') ~ log p(z_t | \mu) + g^T C g / 2 - log |1 + Q I| / 2

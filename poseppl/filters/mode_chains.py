@@ -69,9 +69,9 @@ def chains_from_modes(
 def allocate_chains(rng_key: Array, modes: Modes, num_chains: int, power: float = MODE_POWER) -> tuple[Array, Array]:
     """Choose the mode of each chain (M,), and the chains' log-weights (M,).
 
-    Chains are given to modes by a power below one of their masses, with as little chance as their number allows, and weigh what
-    their mode's mass gives each of its chains. So a mode's weight is its mass, however many chains it got, and does not drift
-    from frame to frame, as shares of whole chains do.
+    Chains are allocated to modes by a power (below one) of the masses, with the smallest possible variance. A chain's weight is
+    the mass of its mode over the number of chains there. So a mode's weight is its mass, whatever its number of chains, and
+    does not drift from frame to frame, as the shares of chains would.
     """
     labels = group_modes(modes)
     masses = group_masses(modes, labels)

@@ -5,11 +5,11 @@ their values and the Gaussian N(m_i, P_i) that a Kalman filter finds along it,
 
     p(k_0..t, x_t | z_1..t)  ~  sum over i of w_i delta(k_0..t = k^(i)) N(x_t; m_i, P_i).
 
-At each frame ancestors are drawn by weight, each child draws k_t from the transition given its ancestor's k_(t-1), moves its
-Gaussian by the transition given both values and takes in the data; its weight is multiplied by the evidence of these. No
-moments are matched: unlike the switching filter's (:mod:`poseppl.filters.switching`), the answer is exact in the limit of many
-particles, and the evidence is unbiased, where programs are linear and Gaussian given the finite sites. Otherwise they are
-linearised, as by an extended Kalman filter, and the limit is that approximation.
+At each frame ancestors are drawn by weight. Each child draws k_t from the transition given its ancestor's k_(t-1), moves its
+Gaussian by the transition given both values and conditions it on the data. Its weight is multiplied by the evidence of the
+data. No moments are matched: unlike the switching filter's (:mod:`poseppl.filters.switching`), the answer is exact in the limit
+of many particles, and the evidence is unbiased, where programs are linear and Gaussian given the finite sites. Otherwise they
+are linearised, as by an extended Kalman filter, and the limit is that approximation.
 
 Which sites are finite, and what is left given them, is read from the program. Means and quantiles are those of the mixture;
 particles are draws, one of each Gaussian.
@@ -118,8 +118,8 @@ def rao_blackwellised_filter(
         real, log_evidence, _ = condition(prior, given)
         weighed = weigh(ancestry.log_weights, log_evidence)
         noise = jax.random.normal(rng_key, real.mean.shape, real.mean.dtype)
-        told = real.mean + jnp.einsum("nij,nj->ni", jnp.linalg.cholesky(real.covariance), noise)
-        particles = drawn.at[:, split.columns].set(told)
+        drawn_means = real.mean + jnp.einsum("nij,nj->ni", jnp.linalg.cholesky(real.covariance), noise)
+        particles = drawn.at[:, split.columns].set(drawn_means)
         info = filter_info(
             weighed.log_evidence,
             jnp.minimum(ancestry.ess, weighed.ess),

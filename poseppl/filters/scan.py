@@ -31,7 +31,8 @@ from poseppl.checks import check_key
 from poseppl.filters.base import Filter, FilterInfo
 from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
-from poseppl.program.frame_inputs import check_input_rows, split_inputs
+from poseppl.program.earlier_inputs import with_earlier_data
+from poseppl.program.frame_inputs import check_input_rows, joined, split_inputs
 from poseppl.program.observation import check_is_observation, num_frames_of
 
 Collect = Callable[[Array, Any, Any, Any], Any]
@@ -129,6 +130,7 @@ def scan_filter(
     check_key(rng_key)
     if filter.model is not None:
         observations = filter.model.observe(observations)
+        inputs = with_earlier_data(filter.model, observations, inputs)
         num_frames = num_frames_of(filter.model.observation_sites, observations)
     else:
         check_is_observation(observations)
@@ -138,11 +140,37 @@ def scan_filter(
     data, varying, constant = jax.tree.map(jnp.asarray, (observations, *inputs))
     numbers = jnp.arange(num_frames, dtype=jnp.int32)
     frames = Frame(jax.vmap(frame_keys, (None, 0))(rng_key, numbers), numbers, data, varying)
+    if filter.in_parallel is not None:
+        whole = filter.in_parallel(frames.keys.step, data, lambda: joined(layout, varying, constant, num_frames))
+        if whole is not None:
+            return _scan_of(whole, filter, frames, layout.join, constant, collect, predict)
     first = tree_index(frames, 0)
     start = begin(filter, first.keys.step, first.observation, layout.join(first.varying, constant))
     advance = frame_program(filter, layout.join, collect, predict)
     state, kept = jax.lax.scan(lambda state, frame: advance(state, start.info, frame, constant), start.state, frames)
     return Scan(kept[0], state, kept[1])
+
+
+def _scan_of(
+    whole: tuple[Any, FilterInfo],
+    filter: Filter,
+    frames: Frame,
+    join: Callable[[Any, Any], Any],
+    constant: list[Any],
+    collect: Collect,
+    predict: Predict | None,
+) -> Scan:
+    """The output of a run whose states and diagnoses of all frames are known."""
+    states, infos = whole
+
+    def of_frame(before: Any, state: Any, info: FilterInfo, frame: Frame) -> tuple[Any, Any]:
+        inputs = join(frame.varying, constant)
+        arguments = frame.keys.predict, before, frame.number == 0, frame.observation, inputs
+        return collect(frame.keys.collect, state, info, inputs), predict(*arguments) if predict else None
+
+    before = jax.tree.map(lambda leaf: jnp.roll(leaf, 1, 0), states)  # the first one means nothing
+    outputs, prediction = jax.vmap(of_frame)(before, states, infos, frames)
+    return Scan(outputs, tree_index(states, -1), prediction)
 
 
 def begin(filter: Filter, rng_key: Array, observation: Observation, inputs: Any) -> Start:

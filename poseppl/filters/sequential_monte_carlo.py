@@ -8,11 +8,12 @@ With a proposal q and, of the auxiliary filter (Pitt and Shephard 1999, doi:10.1
 2. propose: x_i ~ q(x_t | x_(t-1)^(a_i), z_t);
 3. weigh: w_i is proportional to its old weight times p(z_t | x_i) p(x_i | x_(t-1)^(a_i)) / q(x_i).
 
-The evidence increment is the log of the sum of the products in step 3: its exponential's product over the frames is an unbiased
-estimate of p(z_1..t), with resampling at every frame or only at some, for any proposal that is positive where the posterior is.
+The evidence increment is the log of the sum of the products in step 3. The product of these sums over the frames is an unbiased
+estimate of p(z_1..t), with resampling at every frame or only at some. The proposal has to be positive wherever the posterior
+is.
 
-If no particle can explain a frame (every weight zero or NaN) the frame is reported as failed and its particles count as draws
-of the prediction, by the weights that they had before the likelihood.
+If no particle can explain a frame (every weight zero or NaN), the frame is reported as failed. Its particles are then draws of
+the prediction, with the weights that they had before the likelihood.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class ParticleState(NamedTuple):
 
 
 Draw = Callable[[Array, Array], tuple[Array, Array | None]]
-"""`(rng_key, ancestors (N,)) -> states (N, d) and their log-densities (N,)`; the latter None where the proposal is the
+"""`(rng_key, ancestors (N,)) -> states (N, d) and their log-densities (N,)`, None where the proposal is the
 transition, whose density then cancels."""
 
 

@@ -1,10 +1,10 @@
 """One filter over several devices: particles, or chains, are shared out evenly among them.
 
-A filter says what becomes of all particles. Here the arrays of its state that have one row for each particle are placed in
-equal parts on the devices of a mesh, before and after every step, and XLA's partitioner divides the work accordingly: each
-device moves and weighs its own particles, and they talk where a sum or a resampling needs all of them. So any filter runs on
-any number of devices, and gives what it gives on one, to rounding: the draws are the same, sums may be added in another order.
-Work without a row for each particle, such as a climb to a mode, is done on every device.
+Before and after every step, the arrays of the filter's state with one row per particle are placed in equal parts on the devices
+of a mesh. XLA's partitioner divides the work accordingly: each device moves and weighs its own particles, and devices
+communicate where a sum or a resampling needs all particles. So any filter runs on any number of devices, with the same result
+to rounding: the draws are the same, but sums may be added in another order. Work without a row for each particle, such as a
+climb to a mode, is done on every device.
 
     sharded(particle_filter(model, 100_000), 4)
 

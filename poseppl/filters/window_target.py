@@ -2,9 +2,9 @@ r"""The joint density of the frames in a moving window, and its curvature.
 
     N(x_s; m_s, P_s) p(z_s | x_s) prod over u = s + 1 .. t of p(x_u | x_(u-1)) p(z_u | x_u),
 
-where N(m_s, P_s) stands for p(x_s | z_0 .. z_(s-1)). While the first frame of the sequence is in the window, s is 0, the
-summary is the initial program itself, and the slots before it, which have no frame yet, are independent and N(m_0, P_0): so
-that the window has W slots from the start.
+where N(m_s, P_s) stands for p(x_s | z_0 .. z_(s-1)). While the first frame of the sequence is in the window, s is 0 and the
+summary is the initial program itself. The slots before it have no frame yet; they are independent and N(m_0, P_0), so that the
+window has W slots from the start.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 r"""Autoregressive errors beside independent ones, marginalised: what data weigh whose errors last.
 
-Data in M series of pairs, r_t = a_t + ratio e_t + u_t, have errors e_t = kept_t e_(t-1) + ..., stationary with variance 1, with
-precision Q, and u_t with precision G_t (2, 2), 0 where the datum is missing. Given a, the series are independent. So
+Data in M series of pairs are r_t = a_t + ratio e_t + u_t. The errors e_t = kept_t e_(t-1) + ... are stationary with variance 1
+and have the precision Q. The errors u_t have the precision G_t (2, 2), 0 where the datum is missing. Given a, the series are
+independent. So
 
     P = (G^-1 + ratio^2 Q^-1)^-1 = G - ratio^2 G (Q + ratio^2 G)^-1 G
 
@@ -24,8 +25,8 @@ class AR1Errors(NamedTuple):
     """Errors of M series of pairs over T frames.
 
     Attributes:
-        own: Of whitened innovations of e, what of a frame (T, 1).
-        before: What of the frame before (T, 1).
+        own: Factor of a frame's e in its whitened innovation (T, 1).
+        before: Factor of the e of the frame before (T, 1).
         ratio: Standard deviation of what lasts, in units of the data.
         weight: G, symmetric (M, T, 2, 2).
         factor: Banded Cholesky factor of Q + ratio^2 G.

@@ -154,8 +154,8 @@ def solve(factor: BlockCholesky, b: Array) -> Array:
 def solve_with_log_det(matrix: BlockTridiagonal, b: Array) -> tuple[Array, Array]:
     """P^(-1) b (T, d) and log det P, a scalar, of a positive definite P; differentiated without going back through the factor.
 
-    With x = P^(-1) b, and cotangents v of x and l of the log-determinant, w = P^(-1) v is the cotangent of b, and that of P is
-    l P^(-1) - (w x^T + x w^T) / 2, of which the blocks are wanted that P has (:func:`marginal_covariances`).
+    Let x = P^(-1) b, with the cotangents v of x and l of the log-determinant. The cotangent of b is w = P^(-1) v. That of P is
+    l P^(-1) - (w x^T + x w^T) / 2, of which only the blocks of P are computed (:func:`marginal_covariances`).
     """
     factor = block_cholesky(matrix)
     return solve(factor, b), factor.log_det

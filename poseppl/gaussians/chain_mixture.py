@@ -34,8 +34,8 @@ class Fitted(NamedTuple):
 def fit_mixture(chains: Array, num_components: int, log_weights: Array | None = None) -> Fitted:
     """Fit K Gaussians to draws of M chains by expectation maximisation.
 
-    Chains seldom cross from one mode of a posterior to another, so modes show as chains whose means lie far apart in units of
-    the covariance within chains, in any number of dimensions. Components start at the means of K chains, each of which is the
+    Chains seldom cross from one mode of a posterior to another. So modes appear as chains whose means lie far apart in units
+    of the covariance within chains. Components start at the means of K chains, each of which is the
     farthest from those before it. A component of few draws has no covariance of its own: each is shrunk towards that within
     chains by one pseudo-draw a dimension.
 

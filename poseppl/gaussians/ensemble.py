@@ -135,9 +135,10 @@ def relaxed(members: Array, prior: Array, share: float) -> Array:
 def adapted_inflation(inflation: Array, predicted: PredictedData, drift: float) -> Array:
     """The factor of the prediction's standard deviation that the innovations speak for.
 
-    Li, Kalnay and Miyoshi 2009 (doi:10.1002/qj.371), with the variances of Miyoshi 2011 (doi:10.1175/2010MWR3570.1). With r the
-    residual, p entries seen and s = tr(R^-1 C_yy) / p of the deviations before inflation, the factor b of the covariance is
-    observed as (r^T R^-1 r / p - 1) / s with variance 2 / p ((b s + 1) / s)^2, and taken in by a scalar Kalman update.
+    Li, Kalnay and Miyoshi 2009 (doi:10.1002/qj.371), with the variances of Miyoshi 2011 (doi:10.1175/2010MWR3570.1). Let r be
+    the residual, p the number of observed entries and s = tr(R^-1 C_yy) / p for the deviations before inflation. The factor b
+    of the covariance is observed as (r^T R^-1 r / p - 1) / s with variance 2 / p ((b s + 1) / s)^2, and estimated by a scalar
+    Kalman update.
 
     Args:
         inflation: The factor up to now, a scalar, at least 1.
@@ -151,13 +152,13 @@ def adapted_inflation(inflation: Array, predicted: PredictedData, drift: float) 
     whiten = lower_inverse(jnp.linalg.cholesky(noise))
     many = jnp.maximum(num_seen, 1.0)
     spread = jnp.sum((deviations @ whiten.T) ** 2) / (len(deviations) - 1) / many
-    told = (num_seen > 0) & (spread > 0)
-    spread = jnp.where(told, spread, 1.0)
+    informative = (num_seen > 0) & (spread > 0)
+    spread = jnp.where(informative, spread, 1.0)
     before = inflation**2
     observed = (jnp.sum((whiten @ residual) ** 2) / many - 1.0) / spread
     variance = 2.0 / many * ((before * spread + 1.0) / spread) ** 2
     after = before + drift**2 / (drift**2 + variance) * (observed - before)
-    return jnp.where(told & jnp.isfinite(after), jnp.sqrt(jnp.maximum(after, 1.0)), inflation)
+    return jnp.where(informative & jnp.isfinite(after), jnp.sqrt(jnp.maximum(after, 1.0)), inflation)
 
 
 def _tapered(covariance: Array, taper: Array | None) -> Array:

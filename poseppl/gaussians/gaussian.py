@@ -36,6 +36,14 @@ class RootGaussian(NamedTuple):
         return self.scale @ jnp.swapaxes(self.scale, -1, -2)
 
 
+class Linear(NamedTuple):
+    """A linear conditional: mean (k,) of y at the mean of x, jacobian (k, d) and noise covariance (k, k)."""
+
+    mean: Array
+    jacobian: Array
+    noise: Array
+
+
 @jax.custom_jvp
 def triangular(root: Array) -> Array:
     """L, lower triangular (d, d) of a diagonal that is not negative, with L L^T = B B^T for B (d, n), n at least d."""
@@ -125,8 +133,8 @@ def lower_inverse(lower: Array) -> Array:
     """Inverse of a lower triangular matrix (k, k).
 
     Large ones by halves, [[A, 0], [B, C]] from the inverses of A and C: products are XLA's own. OpenBLAS would wake a second
-    thread for them, and its threads wait for each other without sleep, on a busy machine for a hundred times as long as the
-    solution takes.
+    thread for them. Its threads spin while they wait for each other: on a busy machine, a hundred times as long as the solution
+    takes.
     """
     size = lower.shape[0]
     if size <= _ALONE:

@@ -12,6 +12,7 @@ with P_0 and m_0 for Q and f at the first frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -61,17 +62,25 @@ def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
     Raises:
         ValueError: The transition has no Gaussian moments.
     """
-    row = jax.tree.map(lambda a: a[0], inputs)
+    row, zero = jax.tree.map(lambda a: a[0], inputs), jnp.zeros(model.dimension)
+    found = _structure(lambda x: model.transition_moments(x, row), zero)
+    return found._replace(affine=found.affine and not model.moments_are_linearised("transition", row, zero))
 
-    def moments(x: Array) -> tuple[Array, Array]:
-        return model.transition_moments(x, row)
+
+def observation_structure(model: CompiledModel, inputs: Any) -> Structure:
+    """The same of an observation, which has Gaussian moments."""
+    row = jax.tree.map(lambda a: a[0], inputs)
+    return _structure(lambda x: model.observation_moments(x, row), jnp.zeros(model.dimension))
+
+
+def _structure(moments: Callable[[Array], tuple[Array, Array]], zero: Array) -> Structure:
+    """Whether the mean is linear in the state (d,), and whether the covariance is independent of it."""
 
     def parts(x: Array) -> Any:
         return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
 
-    zero = jnp.zeros(model.dimension)
     jacobian, covariance = output_dependence(jax.make_jaxpr(parts)(zero), [frozenset({0})])
-    return Structure(not jacobian and not model.moments_are_linearised("transition", row, zero), not covariance)
+    return Structure(not jacobian, not covariance)
 
 
 def linear_transitions(model: CompiledModel, states: Array, inputs: Any) -> LinearTransitions:

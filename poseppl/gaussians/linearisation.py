@@ -23,7 +23,7 @@ of the covariance where that is given.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -31,23 +31,24 @@ import numpy as np
 from jax import Array
 
 from poseppl.errors import UnsuitableModelError
-from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, lower_root, semidefinite_root, triangular
+from poseppl.gaussians.diffuse import DiffuseGaussian, condition_exactly, predict_exactly
+from poseppl.gaussians.gaussian import (
+    Gaussian,
+    Linear as Linear,
+    RootGaussian,
+    lower_inverse,
+    lower_root,
+    semidefinite_root,
+    triangular,
+)
 
-Moments = TypeVar("Moments", Gaussian, RootGaussian)
+Moments = TypeVar("Moments", Gaussian, RootGaussian, DiffuseGaussian)
 Method = Literal["first-order", "unscented", "gauss-hermite"]
 _ORDER = 5
 """Points of the Gauss-Hermite rule in a direction."""
 _MAX_DIRECTIONS = 6
 Conditional = Callable[[Array], tuple[Array, Array]]
 """Mean and covariance of y given x."""
-
-
-class Linear(NamedTuple):
-    """A linear conditional: mean (k,) of y at the mean of x, jacobian (k, d) and noise covariance (k, k)."""
-
-    mean: Array
-    jacobian: Array
-    noise: Array
 
 
 def first_order(conditional: Conditional, x: Array) -> Linear:
@@ -62,7 +63,10 @@ def first_order(conditional: Conditional, x: Array) -> Linear:
 
 
 def linearise(
-    conditional: Conditional, x: Gaussian | RootGaussian, method: Method, jacobian_at: Callable[[Array], Array] | None = None
+    conditional: Conditional,
+    x: Gaussian | RootGaussian | DiffuseGaussian,
+    method: Method,
+    jacobian_at: Callable[[Array], Array] | None = None,
 ) -> Linear:
     """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
@@ -70,6 +74,8 @@ def linearise(
             return first_order(conditional, x.mean)
         mean, noise = conditional(x.mean)
         return Linear(mean, jacobian_at(x.mean), noise)
+    if isinstance(x, DiffuseGaussian):
+        raise UnsuitableModelError("Sigma points need a variance in every direction. Use linearisation='first-order'.")
     white, weights = (jnp.asarray(part, x.mean.dtype) for part in _points(x.mean.shape[0], method))
     lower = lower_root(x)
     means, noises = jax.vmap(conditional)(x.mean + white @ lower.T)
@@ -83,8 +89,8 @@ def linearise(
 
 def linearise_about(
     conditional: Conditional,
-    x: Gaussian | RootGaussian,
-    about: Gaussian | RootGaussian,
+    x: Gaussian | RootGaussian | DiffuseGaussian,
+    about: Gaussian | RootGaussian | DiffuseGaussian,
     method: Method,
     jacobian_at: Callable[[Array], Array] | None = None,
 ) -> Linear:
@@ -117,6 +123,8 @@ def _points(dimension: int, method: Method) -> tuple[np.ndarray[Any, Any], np.nd
 
 def predict(x: Moments, linear: Linear) -> Moments:
     """Distribution of y."""
+    if isinstance(x, DiffuseGaussian):
+        return predict_exactly(x, linear)
     if isinstance(x, RootGaussian):
         return RootGaussian(linear.mean, triangular(jnp.hstack([linear.jacobian @ x.scale, semidefinite_root(linear.noise)])))
     return Gaussian(linear.mean, _symmetric(linear.jacobian @ x.covariance @ linear.jacobian.T + linear.noise))
@@ -134,6 +142,8 @@ def condition(x: Moments, linear: Linear, y: Array, seen: Array) -> tuple[Moment
     Returns:
         The posterior, and the log-density of the seen data, a scalar.
     """
+    if isinstance(x, DiffuseGaussian):
+        return condition_exactly(x, linear, y, seen)
     jacobian = jnp.where(seen[:, None], linear.jacobian, 0.0)
     both = seen[:, None] & seen
     noise = jnp.where(both, linear.noise, jnp.eye(y.shape[0], dtype=y.dtype))

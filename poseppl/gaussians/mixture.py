@@ -1,7 +1,7 @@
 r"""Mixtures of Gaussians, and of Gaussians whose covariance is itself an estimate: density, curvature, draws.
 
-A Gaussian of which only the mean m and an unbiased covariance S of n independent draws are known has, with the covariance
-integrated out, the density of Sellentin and Heavens 2016 (doi:10.1093/mnrasl/slv190), a multivariate t,
+Take a Gaussian of which only the mean m and an unbiased covariance S of n independent draws are known. With the covariance
+integrated out it has the density of Sellentin and Heavens 2016 (doi:10.1093/mnrasl/slv190), a multivariate t,
 
     p(x) proportional to (1 + q / (n - 1))^(-n / 2),    q = (x - m)^T S^-1 (x - m).
 

@@ -57,10 +57,11 @@ def filter_in_parallel(
     """The filtered Gaussians, means (T, d) and covariances (T, d, d).
 
     Args:
-        mean: Of the first frame's state (d,), before its data.
-        covariance: Likewise (d, d).
+        mean: Mean of the first frame's state (d,), before its data.
+        covariance: Its covariance (d, d).
         transitions: Into each frame; the first one is not used.
-        observations: Of each frame. An entry without data has a zero row of the jacobian, and any positive noise of its own.
+        observations: Linear observations of each frame. An entry without data has a zero row of the jacobian, and any
+        positive noise of its own.
         data: (T, k).
     """
     moved = transitions._replace(

@@ -31,10 +31,10 @@ class WalkChains(NamedTuple):
     """The innovations of T frames, in units of their standard deviations.
 
     Attributes:
-        own: What of a frame's coordinates (T, n).
-        before: What of those of the frame before (T, n); 0 in the first row.
-        along: What of the velocities (T, d).
-        along_before: What of those of the frame before (T, d); 0 in the first row.
+        own: Factor of a frame's coordinates (T, n).
+        before: Factor of those of the frame before (T, n); 0 in the first row.
+        along: Factor of the velocities (T, d).
+        along_before: Factor of those of the frame before (T, d); 0 in the first row.
         offset: Their means (T, n).
     """
 
@@ -180,8 +180,8 @@ def walk_factor(chains: WalkChains, information: Iterable[Floats], *, room: int 
     inverses = np.empty((count, size, size), np.float32)
     gains = None if inverses.nbytes > room else np.empty((count - 1, size, size), np.float32)
     inverse, i, j = np.zeros((size, size)), np.arange(size), np.arange(width)
-    for t, told in enumerate(information):
-        block = told.copy()
+    for t, frame_block in enumerate(information):
+        block = frame_block.copy()
         block[i, i] += diagonal[t]
         block[j, width + j] += between[t]
         block[width + j, j] += between[t]
@@ -213,9 +213,9 @@ def conjugate_gradients(
 
     Args:
         multiply: A, symmetric and positive definite.
-        factor: What A is much like.
+        factor: The preconditioner's factor, of a matrix close to A.
         b: The right-hand sides.
-        tolerance: How much, of what the preconditioner makes of b, is left of the residual, by its norm.
+        tolerance: Norm of the preconditioned residual at the end, relative to that of the preconditioned b.
         most: Iterations at most.
 
     Returns:

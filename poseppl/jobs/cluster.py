@@ -2,9 +2,9 @@
 
 Each job is one task. When a worker dies, its scheduler blames every task of the worker, tries them on other workers, and
 gives them up when it has seen too many deaths (`distributed.scheduler.allowed-failures`). These jobs are tried again when all
-others are done, one at a time: only those that kill workers then fail, and what had no room in memory beside others has it.
-Results travel to this process, which alone writes files, so no folder need be shared. Workers need poseppl, the job's module,
-and the versions that are installed here; start them with one thread each (``dask worker ADDRESS --nthreads 1``).
+others are done, one at a time. Then only jobs that kill workers fail, and jobs that had too little memory beside others have
+enough. Results travel to this process, which alone writes files, so no folder need be shared. Workers need poseppl, the job's
+module, and the versions that are installed here; start them with one thread each (``dask worker ADDRESS --nthreads 1``).
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class Tasks:
             return None
         except Exception as error:
             if future.cancelled() or self._client.status != "running":
-                hint = "what is done is kept, and the same call goes on from there"
+                hint = "finished jobs are kept, and the same call continues from there"
                 raise PosepplError(f"the Dask scheduler at {self._client.scheduler.address} was lost; {hint}") from error
             return Outcome(key, None, error=f"{type(error).__name__}: {error}")
         return outcome

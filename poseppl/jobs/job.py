@@ -36,8 +36,8 @@ def later_field(default: Any) -> Any:
 def plain_fields(value: Any) -> Any:
     """Dataclasses within a value as mappings of their fields, without those of :func:`later_field` at their default."""
     if is_dataclass(value) and not isinstance(value, type):
-        told = [(each, getattr(value, each.name)) for each in fields(value)]
-        return {each.name: plain_fields(own) for each, own in told if not (_LATER in each.metadata and own == each.default)}
+        entries = [(each, getattr(value, each.name)) for each in fields(value)]
+        return {each.name: plain_fields(own) for each, own in entries if not (_LATER in each.metadata and own == each.default)}
     if isinstance(value, Mapping):
         return {key: plain_fields(each) for key, each in value.items()}
     return [plain_fields(each) for each in value] if isinstance(value, list | tuple) else value
@@ -80,10 +80,10 @@ class Job:
         """
         kind = type(self)
         try:
-            told = json.loads(json.dumps(plain_fields(self)))
+            entries = json.loads(json.dumps(plain_fields(self)))
         except TypeError as error:
             raise ValueError(f"{kind.__name__}: {error}. The fields of a job are numbers, texts and lists of them.") from error
-        return {"class": f"{kind.__module__}.{kind.__qualname__}", "version": kind.version, "fields": told}
+        return {"class": f"{kind.__module__}.{kind.__qualname__}", "version": kind.version, "fields": entries}
 
     @property
     def key(self) -> str:

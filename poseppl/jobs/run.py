@@ -1,7 +1,7 @@
 """Run jobs: read what is there, compute the rest, write each result as it comes.
 
-A job's arrays are in ``KEY.npz`` with a record of what the job was, which function computed it, and with which versions of the
-libraries and which source of poseppl. Results of other versions are computed again; those of another job or function are left
+A job's arrays are in ``KEY.npz``. A record in it names the job, its function, the versions of the libraries and poseppl's
+source. Results of other versions are computed again; those of another job or function are left
 alone and refused.
 """
 
@@ -74,13 +74,13 @@ def run_jobs(
     progress = progress or Silent()
     _check_function(function)
     wanted = _by_key(jobs)
-    told: list[str] = []
-    store = Store(folder, "results", told.append)
+    messages: list[str] = []
+    store = Store(folder, "results", messages.append)
     records = {key: _record(function, job) for key, job in wanted.items()}
     loaded = {key: store.load(key, record, owners=("job", "function")) for key, record in records.items()}
     results = {key: arrays for key, arrays in loaded.items() if arrays is not None}
-    more = [f"and {len(told) - _SHOWN} more files in {folder}"] if len(told) > _SHOWN else []
-    for message in [*told[:_SHOWN], *more]:
+    more = [f"and {len(messages) - _SHOWN} more files in {folder}"] if len(messages) > _SHOWN else []
+    for message in [*messages[:_SHOWN], *more]:
         progress.note(message)
     costliest = sorted(wanted.items(), key=lambda item: -item[1].cost)
     missing = {key: job for key, job in costliest if key not in results}
@@ -149,7 +149,7 @@ def _by_key(jobs: Iterable[Job]) -> Mapping[str, Job]:
         key = job.key
         if key in wanted:
             raise ValueError(
-                f"two jobs are alike: {job}. A job is computed once; give each a field of its own, such as its run."
+                f"two jobs are equal: {job}. A job is computed once; give each a field of its own, such as its run."
             )
         wanted[key] = job
     return wanted

@@ -3,6 +3,7 @@
 from poseppl.kernels.constraints import Constraints as Constraints, constraints as constraints
 from poseppl.kernels.demc import DEMCChains as DEMCChains, DEMCSettings as DEMCSettings, demc_chains as demc_chains
 from poseppl.kernels.face_laplace import FaceModes as FaceModes
+from poseppl.kernels.gibbs import gibbs_kernel as gibbs_kernel
 from poseppl.kernels.hmc import Chains as Chains, HMCSettings as HMCSettings, hmc_chains as hmc_chains
 from poseppl.kernels.laplace import (
     Whitening as Whitening,

@@ -1,6 +1,6 @@
 r"""The covariance of a target, learned from all chains on the way, for the moves that they make next.
 
-With the positions u_c of M chains after update k, and gamma_k = (k + 10)^(-0.6),
+With the positions u_c of M chains after update k, and gamma_k = (k + 10)^(-0.6), or another decay,
 
     m <- m + gamma_k mean_c (u_c - m),        S <- S + gamma_k (mean_c (u_c - m)(u_c - m)^T - S)
 
@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
-_DECAY = 0.6
 _OFFSET = 10.0
 """Keeps the first update, in which all chains may stand at one point, from taking everything."""
 _RIDGE = 1e-4
@@ -46,9 +46,9 @@ def initial_covariance(draws: Array) -> AdaptiveCovariance:
     return AdaptiveCovariance(mean, jnp.diag(jnp.where(variance > 0, variance, 1.0)))
 
 
-def learn(known: AdaptiveCovariance, positions: Array, number: Array) -> AdaptiveCovariance:
-    """Take in the positions (M, p) of all chains after update `number`, counted from 0."""
-    gain = (jnp.asarray(number, positions.dtype) + _OFFSET) ** -_DECAY
+def learn(known: AdaptiveCovariance, positions: Array, number: Array, decay: ArrayLike = 0.6) -> AdaptiveCovariance:
+    """Take in the positions (M, p) of all chains after update `number`, counted from 0; decay 1 weighs all updates alike."""
+    gain = (jnp.asarray(number, positions.dtype) + _OFFSET) ** -jnp.asarray(decay, positions.dtype)
     centred = positions - known.mean
     scatter = centred.T @ centred / positions.shape[0]
     mean = known.mean + gain * jnp.mean(centred, 0)

@@ -1,7 +1,7 @@
 r"""Laplace's approximation at modes on the face of active constraints: the side that is cut off has no mass.
 
-At a mode x with cost f, gradient g and curvature H = S^-1 of the cost, let t >= 0 be the distances from the active constraints,
-t = -N dx with outward normals N, and s >= 0 their multipliers, -g = N^T s. Then
+Let x be a mode of the cost f, with the gradient g and the curvature H = S^-1. Let t >= 0 be the distances from the active
+constraints, t = -N dx with outward normals N, and s >= 0 their multipliers, -g = N^T s. Then
 
     p(x + dx) ~ exp(-f - s^T t - dx^T H dx / 2),
 

@@ -3,6 +3,10 @@
 All M chains share the step size, which is adapted to a target acceptance rate during the warm-up and frozen before the draws
 that count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`),
 which is the same as the paper's step size per coordinate, Eq. 17.
+
+The recursion of the step size is not BlackJAX's dual averaging. After a warm-up of 6 updates, dual averaging is nearer to the
+target if the initial step size is right or too small. It is farther if the initial step size is three times too large, at which
+chains hardly move (``python -m benchmarks.blackjax_pieces``).
 """
 
 from __future__ import annotations
@@ -121,7 +125,7 @@ def hmc_chains(
         step_size = jnp.where(number < 0, 0.0, jnp.exp(log_step_size))
         states, info = jax.vmap(_move(safe_density, dimension, step_size, steps))(states, noise, chances)
         acceptance = jnp.mean(info.acceptance_rate)
-        log_step_size = _adapted(log_step_size, acceptance, number, settings)
+        log_step_size = adapted_step_size(log_step_size, acceptance, number, settings)
         return (states, log_step_size), (states.position, acceptance, jnp.sum(info.is_divergent), steps)
 
     noise, chances = normals_and_uniforms(rng_key, (number + 1, num_chains), dimension, 2, dtype)
@@ -156,8 +160,8 @@ def _own_chains(
             return update_by(own, key, state, log_density, jnp.exp(log_step_size))
 
         found = jax.vmap(one)(jax.random.split(rng_key, num_chains), states)
-        told = found.state.position, found.acceptance, found.divergent, found.evaluations
-        return (found.state, _adapted(log_step_size, jnp.mean(found.acceptance), number, settings)), told
+        outputs = found.state.position, found.acceptance, found.divergent, found.evaluations
+        return (found.state, adapted_step_size(log_step_size, jnp.mean(found.acceptance), number, settings)), outputs
 
     states = jax.vmap(lambda position: own.init(position, log_density))(starts)
     rows = jnp.arange(settings.num_updates), jax.random.split(rng_key, settings.num_updates)
@@ -172,7 +176,7 @@ def _own_chains(
     )
 
 
-def _adapted(log_step_size: Array, acceptance: Array, number: Array, settings: HMCSettings) -> Array:
+def adapted_step_size(log_step_size: Array, acceptance: Array, number: Array, settings: HMCSettings) -> Array:
     """The log step size after the update of a number, from -1 on; unchanged if the acceptance rate is unknown (NaN)."""
     if settings.target_acceptance is None:
         return log_step_size

@@ -1,10 +1,10 @@
 r"""Moves of a whole population, each member on a density of its own, scaled by what the population shows.
 
-Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel), a Metropolis random walk or
-a custom kernel (:mod:`poseppl.kernels.own_kernel`), in coordinates whitened for many members together:
+Member i has a position x_i and a context c_i. It moves on p(x | c_i) with BlackJAX's HMC or random walk or a custom kernel
+(:mod:`poseppl.kernels.own_kernel`). The coordinates are whitened for many members together:
 
-* by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts), so the
-  mean outer product of the members' gradients is their mean curvature, the context's own spread left out;
+* by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts). So the
+  mean outer product of the members' gradients is their mean curvature, without the variance of the contexts;
 * by spread, without gradients: the sum of the inverse covariances of the members and of x given c before any data. If both are
   Gaussian, this lies between the curvature and twice the curvature.
 
@@ -23,12 +23,14 @@ import blackjax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from blackjax.mcmc.hmc import HMCState
+from blackjax.mcmc.random_walk import RWState, normal
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.compilation import with_full_precision
 from poseppl.kernels.laplace import Whitening, whitening
-from poseppl.kernels.own_kernel import CustomKernel, update_by
+from poseppl.kernels.own_kernel import CustomKernel, Updated, update_by
 from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 
@@ -135,41 +137,39 @@ def move_population(
     """Move every member K times.
 
     Args:
-        rng_keys: K keys.
+        rng_keys: A key of each member (M,).
         starts: From `evaluate`, for the same density.
         log_density: Log-density of a position and a context.
         transform: To whitened coordinates, the same for all.
         log_step_size: To start from.
         settings: Kernel, K, L and so on.
     """
-    num_members, dimension = starts.positions.shape
-    dtype, own = starts.positions.dtype, settings.own
+    (num_members, dimension), dtype = starts.positions.shape, starts.positions.dtype
+    kernel = settings.own or KERNELS[settings.kernel](settings, dimension)
 
     def safe_density(white: Array, context: Any) -> Array:
         return nan_to_neg_inf(log_density(transform.to_state(white), context))
 
-    update = _update(safe_density, settings, dimension)
+    def chances(rng_key: Array) -> tuple[Array, Array]:
+        keys = jax.random.split(rng_key, settings.num_moves + 1)
+        return keys[1:], jax.random.uniform(keys[0], (settings.num_moves,), dtype, 1.0 - settings.jitter, 1.0)
 
-    def turn(carry: tuple[Any, Array], rng_key: Array) -> tuple[Any, Any]:
+    def update(rng_key: Array, state: Any, context: Any, step_size: Array) -> Updated:
+        return update_by(kernel, rng_key, state, lambda z: safe_density(z, context), step_size)
+
+    def turn(carry: tuple[Any, Array], row: tuple[Array, Array]) -> tuple[Any, Any]:
         states, log_step_size = carry
-        key_jitter, key_update = jax.random.split(rng_key)
-        jitter = jax.random.uniform(key_jitter, (num_members,), dtype, 1.0 - settings.jitter, 1.0)
-        steps = jnp.exp(log_step_size) * jitter
-        keys = jax.random.split(key_update, num_members)
-        states, acceptance, divergent, evaluations = jax.vmap(update)(keys, states, starts.contexts, steps)
-        rate = jnp.mean(acceptance)
+        keys, jitter = row
+        moved = jax.vmap(update)(keys, states, starts.contexts, jnp.exp(log_step_size) * jitter)
+        rate = jnp.mean(moved.acceptance)
         if settings.target_acceptance is not None:
             log_step_size = log_step_size + jnp.where(jnp.isnan(rate), 0.0, rate - settings.target_acceptance)
-        told = jnp.where(jnp.isnan(rate), 1.0, rate), jnp.sum(divergent), jnp.sum(evaluations)
-        return (states, log_step_size), (transform.to_state(states[0] if own is None else states.position), *told)
+        statistics = jnp.where(jnp.isnan(rate), 1.0, rate), jnp.sum(moved.divergent), jnp.sum(moved.evaluations)
+        return (moved.state, log_step_size), (transform.to_state(moved.state.position), *statistics)
 
-    # the chain rule: z moves x by the scale of the transform
-    gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
-    white = transform.to_white(starts.positions)
-    states: Any = white, nan_to_neg_inf(starts.values), gradients
-    if own is not None:
-        states = jax.vmap(lambda z, context: own.init(z, lambda z: safe_density(z, context)))(white, starts.contexts)
-    (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(turn, (states, log_step_size), rng_keys)
+    states = _begin(kernel, starts, transform, safe_density, settings)
+    rows = jax.vmap(chances, out_axes=1)(rng_keys)
+    (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(turn, (states, log_step_size), rows)
     hmc, count = settings.kernel == "hmc", num_members + jnp.sum(evaluations)
     return Moved(
         positions=positions,
@@ -181,9 +181,24 @@ def move_population(
     )
 
 
+def _begin(
+    kernel: CustomKernel, starts: Starts, transform: Whitening, log_density: ConditionalDensity, settings: MoveSettings
+) -> Any:
+    """The kernel's states of all members; of BlackJAX's HMC and random walk without another evaluation."""
+    white = transform.to_white(starts.positions)
+    if settings.own is not None:
+        return jax.vmap(lambda z, context: kernel.init(z, lambda z: log_density(z, context)))(white, starts.contexts)
+    values = nan_to_neg_inf(starts.values)
+    if settings.kernel == "random-walk":
+        return RWState(white, values)
+    # the chain rule: z moves x by the scale of the transform
+    gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
+    return HMCState(white, values, gradients)
+
+
 @with_full_precision
 def move_groups(
-    rng_key: Array,
+    rng_keys: Array,
     starts: Starts,
     log_density: ConditionalDensity,
     whitening_of: Callable[[Starts], Whitening],
@@ -192,11 +207,11 @@ def move_groups(
 ) -> Moved:
     """Move every member K times, whitened by the members of other groups: neighbours, such as copies, are of one group.
 
-    A scale that a member's own gradient has gone into is narrow where that is steep, so that moves do not leave its density
-    invariant, by d / M for d coordinates of M members.
+    A scale that depends on a member's own gradient is small where that gradient is steep. Moves then do not leave the density
+    invariant; the bias is of order d / M for d coordinates of M members.
 
     Args:
-        rng_key: PRNG key.
+        rng_keys: A key of each member (M,).
         starts: The M members.
         log_density: Log-density of a position given its context.
         whitening_of: Coordinates that some members call for.
@@ -205,24 +220,23 @@ def move_groups(
     """
     count = len(starts.positions)
     if count < 2 * GROUPS:
-        keys = jax.random.split(rng_key, settings.num_moves)
-        return move_population(keys, starts, log_density, whitening_of(starts), log_step_size, settings)
+        return move_population(rng_keys, starts, log_density, whitening_of(starts), log_step_size, settings)
     even = gcd(count, GROUPS) > 2  # then nothing is looked up, and each of several devices keeps what it has
     groups = gcd(count, GROUPS) if even else GROUPS
     size = -(-count // groups)
     first = np.arange(groups) * (count - size) // (groups - 1)  # groups overlap where M is no multiple of their number
-    keys = jax.random.split(rng_key, (settings.num_moves, groups))
     others = np.arange(count - size) + size * (np.arange(count - size) >= first[:, None])
 
-    members = jax.tree.map(
-        lambda leaf: leaf.reshape(groups, size, *leaf.shape[1:]) if even else leaf[first[:, None] + np.arange(size)], starts
+    keys, members = jax.tree.map(
+        lambda leaf: leaf.reshape(groups, size, *leaf.shape[1:]) if even else leaf[first[:, None] + np.arange(size)],
+        (rng_keys, starts),
     )
 
     def move(keys: Array, members: Starts, others: Array) -> Moved:
         transform = whitening_of(tree_index(starts, others))
         return move_population(keys, members, log_density, transform, log_step_size, settings)
 
-    moved: Moved = jax.vmap(move, (1, 0, 0))(keys, members, jnp.asarray(others))
+    moved: Moved = jax.vmap(move)(keys, members, jnp.asarray(others))
     positions, group = jnp.swapaxes(moved.positions, 0, 1), np.searchsorted(first, np.arange(count), side="right") - 1
     return Moved(
         positions=positions.reshape(-1, *starts.positions.shape)
@@ -236,39 +250,25 @@ def move_groups(
     )
 
 
-def _update(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
-    """`(rng_key, state, context, step_size) -> (state, acceptance, divergent, evaluations)`."""
-    own = settings.own
-    if own is None:
-        return (_hmc if settings.kernel == "hmc" else _random_walk)(log_density, settings, dimension)
-    return lambda key, state, context, step: update_by(own, key, state, lambda z: log_density(z, context), step)
-
-
-def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
+def _hmc(settings: MoveSettings, dimension: int) -> CustomKernel:
     kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
 
-    def update(rng_key: Array, state: Any, context: Any, step_size: Array) -> Any:
-        mass = jnp.ones(dimension, state[0].dtype)
-        state = blackjax.mcmc.hmc.HMCState(*state)
-        state, info = kernel(rng_key, state, lambda z: log_density(z, context), step_size, mass, settings.num_leapfrog)
-        return tuple(state), info.acceptance_rate, info.is_divergent, settings.num_leapfrog
+    def step(rng_key: Array, state: Any, log_density: Callable[[Array], Array], step_size: Array) -> Any:
+        return kernel(rng_key, state, log_density, step_size, jnp.ones(dimension, step_size.dtype), settings.num_leapfrog)
 
-    return update
+    return CustomKernel(blackjax.hmc.init, step)
 
 
-def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
-    def update(rng_key: Array, state: Any, context: Any, step_size: Array) -> Any:
-        key_noise, key_accept = jax.random.split(rng_key)
-        white, value, unused = state
-        proposal = white + 2.38 / dimension**0.5 * step_size * jax.random.normal(key_noise, white.shape, white.dtype)
-        proposed = log_density(proposal, context)
-        # a start without density goes anywhere
-        ratio = jnp.where(jnp.isneginf(value), 0.0, proposed - value)
-        rate = jnp.where(jnp.isneginf(proposed), 0.0, jnp.exp(jnp.minimum(ratio, 0.0)))
-        accept = jax.random.uniform(key_accept, (), white.dtype) < rate
-        return (jnp.where(accept, proposal, white), jnp.where(accept, proposed, value), unused), rate, False, 1
+def _random_walk(settings: MoveSettings, dimension: int) -> CustomKernel:
+    kernel: Callable[..., Any] = blackjax.additive_step_random_walk.build_kernel()
 
-    return update
+    def step(rng_key: Array, state: Any, log_density: Callable[[Array], Array], step_size: Array) -> Any:
+        return kernel(rng_key, state, log_density, normal(2.38 / dimension**0.5 * step_size))
+
+    return CustomKernel(blackjax.additive_step_random_walk.init, step)
+
+
+KERNELS: dict[Kernel, Callable[[MoveSettings, int], CustomKernel]] = {"hmc": _hmc, "random-walk": _random_walk}
 
 
 @with_full_precision

@@ -95,7 +95,7 @@ _Scale = Annotated[float, Within("a positive number", lambda sigma: 0 < sigma < 
 
 
 class OneCamera(NamedTuple):
-    """What is known of one camera besides its calibration.
+    """Properties of one camera besides its calibration.
 
     Attributes:
         offset: Frames by which it is late: what the others have in frame n, it has in frame n + offset.
@@ -157,7 +157,7 @@ class Settings:
 
 
 class Kind(NamedTuple):
-    """What values a field accepts.
+    """Values that a field accepts.
 
     Attributes:
         type: The type without its conditions; of a tuple that of its items.
@@ -191,7 +191,7 @@ class Kind(NamedTuple):
 
 
 def kinds_of(settings: type[Settings]) -> dict[str, Kind]:
-    """What each field accepts, by its name."""
+    """Values that each field accepts, by its name."""
     known: Any = settings
     return _kinds(known)
 
@@ -220,28 +220,29 @@ class TrackSettings(Settings):
 
     Attributes:
         model: Name of the body's builder, for the record; that of the default body if None.
-        filter: Which filter; poseppl filters lists them. Default: kalman for markers, assumed-density for keypoints and
+        filter: Filter; poseppl filters lists them. Default: kalman for markers, assumed-density for keypoints and
             videos, switching with a prior. Recorded keypoints of several cameras need none on the command line.
         options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
-        sigma_position: Random walk of translations: standard deviation of a second's motion, mm; of a step, times the root of
-            its time. Default: the body's, 82.
+        sigma_position: Random walk of translations: standard deviation of one second's motion, mm. A step of h seconds has
+            sqrt(h) times as much. Default: the body's, 82.
         sigma_angle: Random walk of angles: the same in radians. Default: the body's, 0.82.
-        walk: Standard deviations of the random walk: "fixed", or "learned", those of each joint that the recording is most
-            likely under. With "mean-reverting", for fast motion in one camera, angles come back to how people hold themselves,
+        walk: Standard deviations of the random walk: "fixed", or "learned": each joint's, by maximum likelihood in the
+            recording. With "mean-reverting", for fast motion in one camera, angles return to usual poses,
             and the standard deviations of the root are learned. Default: mean-reverting for keypoints in one camera, otherwise
             fixed.
-        markers: Where markers sit on the body: "fixed" where it has them, or "learned", where the whole recording is most
-            likely to, for points in two cameras or more.
-        prior: File of a learned activity, as poseppl fit-motion writes it, in place of the random walk. The body is its own but
-            for videos, unless another one is given; frames in which it does not hold are reported. Default: none.
+        markers: Positions of the markers on the body: "fixed", the body's, or "learned" from the whole recording by maximum
+            likelihood, for points in two or more cameras.
+        prior: File of a learned activity, as poseppl fit-motion writes it, in place of the random walk. Except for
+            videos, its body is used unless another one is given. Frames with other motion are reported. Default: none.
         other_motion: Whether, with a prior, the motion may be another one, too; the filter activity-guided needs false.
         seed: Seed of the filter, and of the noise of simulated cameras.
-        max_draws: Draws kept of each chain, or of all particles; moments are made from all of them. Default: as many as fit
+        max_draws: Draws stored of each chain, or of all particles; moments use all of them. Default: as many as fit
             into 256 MiB.
-        history_mib: Room in the result for what smoothers start from, MiB; a run that needs more keeps none and says so.
+        history_mib: Space in the result for the particles or Gaussians from which smoothers start, MiB. A run that needs more
+            stores none and reports it.
         chunk: Frames between two parts of a checkpoint. Default: as `run_filter` chooses.
-        on_failure: At a frame of impossible data "continue", so that it is predicted, or "stop". With videos, "continue" also
-            without cameras that see nobody, and up to where one ends or cannot be decoded.
+        on_failure: At a frame with zero likelihood, "continue" with its prediction, or "stop". With videos, "continue" also
+            leaves out cameras that see nobody, and ends where a video ends or cannot be decoded.
         devices: JAX devices that share the particles or chains, such as GPUs; one CPU is no faster as several.
     """
 
@@ -268,15 +269,15 @@ class CameraFiles(Settings):
 
     Attributes:
         files: The points of each camera, by its name in the calibration: a detector's file, or its folder of one file a frame.
-            Frames of the same number are of one time, unless an offset is found or given.
-        calibration: File of the calibrated cameras. In Python also a Calibration, or cameras in mm whose up is to be found.
+            Frames with the same number are simultaneous, unless an offset is found or given.
+        calibration: File of the calibrated cameras. In Python also a Calibration, or cameras in mm without an up axis.
         rate: Frames a second. Default: 30, which is reported.
         unit: Unit of length of the calibration: mm, cm, dm, m, in, or how many mm it has. Default: what the file says;
             otherwise found from a person's size, or m, which is reported.
         up: Axis of the calibration that points up. Default: found from a person, and reported; otherwise Z.
-        camera: What is known of single cameras, as words CAMERA:NAME=VALUE,... or by name: offset, frames by which it is late;
-            rate, frames a second; size, WxH px of the pictures that the detector saw. Default: offsets are found from what
-            several cameras see of a person; rate and size are those of the others and of the calibration.
+        camera: Facts about single cameras, as words CAMERA:NAME=VALUE,... or by name: offset, its delay in frames; rate, frames
+            a second; size, WxH px of the detector's pictures. Default: offsets are estimated from a person in
+            several cameras; the rate is that of the others, the size that of the calibration.
     """
 
     files: Mapping[str, Any]
@@ -288,7 +289,7 @@ class CameraFiles(Settings):
 
     @property
     def cameras(self) -> Mapping[str, OneCamera]:
-        """What is known of single cameras, by name."""
+        """Properties of single cameras, by name."""
         return self.camera if isinstance(self.camera, Mapping) else read_cameras(self.camera)
 
     def check_one_clock(self) -> None:
@@ -299,4 +300,4 @@ class CameraFiles(Settings):
         """
         if any(known.offset is not None or known.rate is not None for known in self.cameras.values()):
             expected = "CAMERA:size=WxH alone"
-            raise InputError("frames of the same number are of one time", field=Argument("camera"), expected=expected)
+            raise InputError("frames with the same number are simultaneous", field=Argument("camera"), expected=expected)

@@ -8,6 +8,10 @@ k = 0, ..., num - 1,
 * stratified: slot k takes the particle that owns k + u_k, C_(i-1) <= k + u_k < C_i (Kitagawa 1996, doi:10.2307/1390750);
 * systematic: the same with one u for all slots.
 
+BlackJAX has the same four. These are not its own because of their speed and precision: with 100,000 particles they take between
+a tenth (residual) and a half (stratified, multinomial) of its processor time (``python -m benchmarks.blackjax_pieces``), and of
+a million equal weights in float32 every particle is kept (``pytest --full tests/kernels/test_blackjax_limits.py``).
+
 Douc, Cappe and Moulines 2005 (doi:10.1109/ISPA.2005.195385) compare them. Ancestors of all but multinomial come out in order.
 
 In float32, C_i near N = 100,000 would have 7 bits left of the unit that decides. Here C_i is a whole number and a fraction of

@@ -91,9 +91,9 @@ def weigh(log_prior: Array, log_likelihoods: Array) -> Weighed:
     """
     updated = log_prior + log_likelihoods
     failed = ~jnp.isfinite(jnp.max(nan_to_neg_inf(updated)))
-    told = normalise(jnp.where(failed, log_prior, updated))
-    log_evidence = told.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype))
-    return Weighed(told.log_weights, jnp.where(failed, -jnp.inf, log_evidence), jnp.maximum(told.ess, 1.0), failed)
+    posterior = normalise(jnp.where(failed, log_prior, updated))
+    log_evidence = posterior.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype))
+    return Weighed(posterior.log_weights, jnp.where(failed, -jnp.inf, log_evidence), jnp.maximum(posterior.ess, 1.0), failed)
 
 
 def effective_sample_size(log_weights: Array) -> Array:

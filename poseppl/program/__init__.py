@@ -37,7 +37,10 @@ from poseppl.program.closed_forms import (
 )
 from poseppl.program.cluttered_errors import Cluttered as Cluttered
 from poseppl.program.compiled import CompiledModel as CompiledModel
+from poseppl.program.diffuse import Diffuse as Diffuse
+from poseppl.program.diffusion import euler_maruyama as euler_maruyama, milstein as milstein
 from poseppl.program.model import StateSpaceModel as StateSpaceModel
 from poseppl.program.observation import Observation as Observation
 from poseppl.program.proposal import Proposal as Proposal
 from poseppl.program.robust_errors import Leclerc as Leclerc, Lorentzian as Lorentzian, RobustError as RobustError
+from poseppl.program.substeps import with_reset as with_reset, with_substeps as with_substeps

@@ -56,7 +56,7 @@ def bounded(model: CompiledModel) -> Bounded:
     lower, upper, sites = [], [], {}
     for name, site in model.sites.items():
         if site.discrete:
-            raise ValueError(f"site {name!r} is discrete. Expected continuous sites: modes are sought along gradients.")
+            raise ValueError(f"site {name!r} is discrete. Expected continuous sites: searches for modes use gradients.")
         low, high = _bounds(site)
         bounds = np.isfinite(low) | np.isfinite(high)
         sites[name] = site._replace(identity=True) if bounds.any() else site

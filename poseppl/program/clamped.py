@@ -1,7 +1,7 @@
 """Clamping: the model of some sites of the state, with all the others given frame by frame.
 
-It is a transformation of the programs: the clamped sites are substituted, in the state that a program is given and in what it
-samples, and blocked, so that they add nothing to a density and draw nothing. With the free sites f and the clamped ones c,
+It is a transformation of the programs. The clamped sites are substituted, both in the state that a program gets and in what it
+samples. They are also blocked: they add nothing to a density and draw nothing. With the free sites f and the clamped ones c,
 
     p(f_t | c_t, f_t-1, c_t-1)   and   p(z_t | f_t, c_t),
 

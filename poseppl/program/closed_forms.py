@@ -1,6 +1,6 @@
 """Closed forms that a distribution may have; an observation program that samples from it is then faster.
 
-Both are optional, and found by their methods' names: a distribution need not inherit anything. They say the same as the
+All are optional, and found by their methods' names: a distribution need not inherit anything. They say the same as the
 distribution's `log_prob`, `loc` and `scale` do, in another way, and :func:`check_closed_forms` compares them.
 """
 
@@ -43,6 +43,15 @@ class WhitenedJacobian(Protocol):
 
     def whitened_jacobian(self, mask: Array | None) -> Array:
         """R^(-1/2) d location / d state (entries of the value, n); rows of entries where the mask is false are 0."""
+        ...
+
+
+@runtime_checkable
+class CurvatureRows(Protocol):
+    """A :class:`WhitenedJacobian` whose curvature is not Gauss-Newton's, such as one of robust residuals."""
+
+    def curvature_rows(self, mask: Array | None) -> Array:
+        """Rows (any number, n) whose squares add up to the curvature of -log p by the state, without masked entries."""
         ...
 
 

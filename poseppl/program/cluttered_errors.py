@@ -9,8 +9,8 @@ It is a robust error (:mod:`poseppl.program.robust_errors`) of the potential
     rho(s) = -2 log(exp(-rho_t(s) / 2) + exp(o)),    rho_t(s) = (nu + n) log(1 + s / nu),
     o = c - log V - log t_nu(0; W^-1),
 
-o being the log-ratio of the two densities in the middle. Its derivative is rho_t' times the probability that the point is no
-clutter, so that far away a point counts nothing at all, where under Student's t alone it counts a little.
+o being the log-ratio of the two densities in the middle. Its derivative is rho_t' times the probability that the point is not
+clutter. A point far away has no influence at all; under Student's t alone it has a little.
 
 >>> import jax.numpy as jnp
 >>> import numpyro.distributions as dist

@@ -76,6 +76,7 @@ class CompiledModel:
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
         noiseless: Names of the state's real sites that follow from others without noise (`Delta`), at first or later.
         dependent: How data sites depend on one another within a frame; None if they do not.
+        diffuse: Names of the state's sites of which nothing is known at the start (`Diffuse`).
     """
 
     programs: Programs
@@ -87,11 +88,17 @@ class CompiledModel:
     input_shapes: Any = None
     noiseless: tuple[str, ...] = ()
     dependent: DependentData | None = None
+    diffuse: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:
         """Length d of the flat state."""
         return sum(site.size for site in self.sites.values())
+
+    @property
+    def diffuse_coordinates(self) -> tuple[bool, ...]:
+        """Whether nothing is known of each of the d coordinates at the start."""
+        return tuple(name in self.diffuse for name, site in self.sites.items() for _ in range(site.size))
 
     @property
     def finite_sites(self) -> tuple[str, ...]:
@@ -151,10 +158,12 @@ class CompiledModel:
 
     def sample_initial(self, rng_key: Array, inputs: Inputs = None) -> Array:
         """Draw the state (d,) at the first frame."""
+        self._check_proper()
         return self._draw("initial", rng_key, self._arguments(inputs))
 
     def log_initial(self, x: Array, inputs: Inputs = None) -> Array:
         """Log-density of the state at the first frame, a scalar."""
+        self._check_proper()
         return self._log_density("initial", x, self._arguments(inputs))
 
     def sample_transition(self, rng_key: Array, x_previous: Array, inputs: Inputs = None) -> Array:
@@ -283,8 +292,22 @@ class CompiledModel:
 
     # Gaussian summaries
 
-    def initial_moments(self, inputs: Inputs = None) -> tuple[Array, Array]:
-        """Mean (d,) and covariance (d, d) of the first flat state; see :meth:`transition_moments`."""
+    def _check_proper(self) -> None:
+        if self.diffuse:
+            raise UnsuitableModelError(
+                f"Nothing is known of site {self.diffuse[0]!r} at the start (Diffuse), so that it can neither be drawn nor "
+                "weighed. Use kalman_filter, which needs no draws, or a Normal in its place."
+            )
+
+    def initial_moments(self, inputs: Inputs = None, *, diffuse: bool = False) -> tuple[Array, Array]:
+        """Mean (d,) and covariance (d, d) of the first flat state; see :meth:`transition_moments`.
+
+        Args:
+            inputs: Inputs of the first frame.
+            diffuse: Whether the caller knows that those of `diffuse_coordinates` mean nothing; refused otherwise.
+        """
+        if not diffuse:
+            self._check_proper()
         return self._moments("initial", self._arguments(inputs))
 
     def initial_is_gaussian(self, inputs: Inputs = None) -> bool:

@@ -92,7 +92,7 @@ def check_parents_seen(sites: Mapping[str, Declared], dependent: DependentData, 
                 raise ValueError(
                     f"Observation {name!r} is given where {other!r}, which it depends on in the same frame, is missing, and "
                     f"{other!r} cannot be integrated out: {dependent.obstacles[name]}. Give {other!r}, mask {name!r} as well "
-                    "(NaN), or write one site with the distribution of what is seen."
+                    "(NaN), or write one site with the distribution of the observed data."
                 )
 
 

@@ -1,8 +1,8 @@
 """Run one NumPyro program as a pure function: draw its sites, or sum their log-densities.
 
-Every run is closed off from whatever handlers surround the call (`handlers.block`), so that a filter used inside another
-NumPyro program neither leaks its sites into that program nor picks up its scales, masks and seeds. Tracing costs nothing
-under `jax.jit`; outside it a run takes tens of milliseconds.
+Every run is isolated from the handlers that surround the call (`handlers.block`). So a filter inside another NumPyro program
+does not leak its sites into that program, and does not inherit its scales, masks and seeds. Tracing costs nothing under
+`jax.jit`; outside it a run takes tens of milliseconds.
 
 For a program with sample sites s, distributions p_s, scales w_s (`handlers.scale`) and masks m_s,
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -12,6 +12,7 @@ import numpy as np
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.dependent_data import DependentData, dependent_data
+from poseppl.program.earlier_data import compile_with_earlier_data
 from poseppl.program.execution import RngBudget, trace_program
 from poseppl.program.large_integers import with_large_integers
 
@@ -26,12 +27,18 @@ class StateSpaceModel(NamedTuple):
         observation: `(params, state, inputs)`: every sample site is data (without `obs=`); `numpyro.factor` adds a heuristic
             log-likelihood; `numpyro.deterministic` sites come back as extras.
         parameters: `()`: optional prior over params, a dict of sites.
+        before: Values (p, ...) of data sites before the first frame, oldest first, for programs that read earlier data:
+            `transition` and `observation` get a fourth argument, `previous`, with the last p values of these sites
+            (:mod:`poseppl.program.earlier_data`).
+        impute: Whether missing data that are read later are sites of the state, `SITE_previous`; otherwise they are refused.
     """
 
     initial: Callable[[Any, Any], Any]
-    transition: Callable[[Any, dict[str, Any], Any], Any]
-    observation: Callable[[Any, dict[str, Any], Any], Any]
+    transition: Callable[..., Any]
+    observation: Callable[..., Any]
     parameters: Callable[[], Any] | None = None
+    before: Mapping[str, Any] | None = None
+    impute: bool = False
 
     def compile(self, inputs: Any = None, params: Any = None) -> CompiledModel:
         """Check the programs and make pure single-particle functions of them.
@@ -44,6 +51,8 @@ class StateSpaceModel(NamedTuple):
         Raises:
             ValueError: The programs do not make a state-space model; the message names the site and the cure.
         """
+        if self.before is not None:
+            return compile_with_earlier_data(self, inputs, params)
         randomness: dict[str, RngBudget] = {}
         unbound = params is None and self.parameters is not None
         example = params
@@ -72,7 +81,8 @@ class StateSpaceModel(NamedTuple):
             for name, site in sites.items()
             if not site.discrete and (initial.sites[name].noiseless or transition.sites[name].noiseless)
         )
-        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent)
+        diffuse = tuple(name for name in sites if initial.sites[name].diffuse)
+        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent, diffuse)
 
     def _dependence_of_data(self, sites: dict[str, Any], arguments: tuple[Any, ...]) -> DependentData | None:
         """How data sites depend on one another, at arguments of which shapes alone may be known."""

@@ -8,7 +8,8 @@ without the terms from a scale that depends on x; [.]_+ clips negative eigenvalu
 it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
 their own reverse rules.
 
-A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian` is asked for R^(-1/2) J. Robust sites
+A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian` is asked for R^(-1/2) J, and one with
+:class:`~poseppl.program.closed_forms.CurvatureRows` for these. Robust sites
 (:mod:`poseppl.program.robust_errors`) with whitened residuals r and their direction u weigh the rows of each,
 
     J^T R^(-1/2) (rho' (1 - u u^T) + [rho' + 2 rho'' r^T r]_+ u u^T) R^(-1/2) J.
@@ -26,7 +27,7 @@ from jax import Array
 from jax.scipy.linalg import block_diag, solve_triangular
 
 from poseppl.errors import UnsuitableModelError
-from poseppl.program.closed_forms import WhitenedJacobian
+from poseppl.program.closed_forms import CurvatureRows, WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import any_event_mask, is_masked, site_log_density, unwrap
 from poseppl.program.normal_sites import is_plain
@@ -98,7 +99,7 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
     for name, site in trace.items():
         if site["type"] != "sample":
             continue
-        gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
+        gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal | dist.Delta)
         if name not in sites or not gaussian or site.get("scale") is not None:
             raise UnsuitableModelError(
                 f"The observation program has no Gaussian moments: site {name!r} is no plain Normal or MultivariateNormal. Use "
@@ -179,7 +180,7 @@ def observation_information(
 def _whitened_jacobian(trace_of: TraceOf, name: str, mask: Array | None, x: Array) -> Array:
     """R^(-1/2) J of one Gaussian site, (events, d)."""
     here = trace_of(x)[name]
-    known = _closed_form(trace_of, here, mask, x)
+    known = _closed_form(trace_of, here, mask, x, curved=True)
     if known is not None:
         return known
     jacobian: Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask, here))(x)
@@ -232,8 +233,10 @@ def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: Array) -> Arra
     return jacobian
 
 
-def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: Array | None, x: Array) -> Array | None:
-    """R^(-1/2) J as the site's distribution knows it; None if it does not."""
+def _closed_form(
+    trace_of: TraceOf, site: Mapping[str, Any], mask: Array | None, x: Array, *, curved: bool = False
+) -> Array | None:
+    """R^(-1/2) J as the site's distribution knows it, or rows of its own curvature; None if it does not."""
     known = _gaussian_of(site["fn"])
     if not isinstance(known, WhitenedJacobian) or site.get("scale") is not None:
         return None
@@ -244,7 +247,8 @@ def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: Array | None,
     _, pull_back = jax.vjp(lambda state: _gaussian_of(trace_of(state)[name]["fn"]).state, x)
     if mask is not None and site["fn"].event_dim:
         mask = jnp.broadcast_to(jnp.all(mask, -1, keepdims=True), mask.shape)
-    rows: Array = jax.vmap(pull_back)(known.whitened_jacobian(mask))[0]
+    own = known.curvature_rows if curved and isinstance(known, CurvatureRows) else known.whitened_jacobian
+    rows: Array = jax.vmap(pull_back)(own(mask))[0]
     return rows
 
 

@@ -98,8 +98,8 @@ def observe(
         frames: The expected T; None accepts one frame or any T.
 
     Raises:
-        ValueError: An unknown or missing site, what is no number, a wrong shape, an infinite value, a NaN that the mask calls
-            observed, an integer outside the site's support, or an event observed in part.
+        ValueError: An unknown or missing site, a value that is not a number, a wrong shape, an infinite value, or a NaN that
+            the mask marks as observed. Also an integer outside the site's support, or an event that is observed in part.
     """
     if not hasattr(values, "keys"):
         raise ValueError(f"The data are a {type(values).__name__}. Expected a dict of arrays by site, {list(sites)}.")

@@ -16,6 +16,7 @@ from jax import Array
 from poseppl.program import bijector
 from poseppl.program.bijector import Site, make_site
 from poseppl.program.compiled import CompiledModel
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.schema import declare
 
 
@@ -55,6 +56,7 @@ class ParameterBijector(NamedTuple):
         return model.log_parameters(self.to_params(u)) + self.log_det(u)
 
 
+@memoized_builder
 def parameter_bijector(model: CompiledModel) -> ParameterBijector:
     """Lay out a model's params.
 

@@ -1,7 +1,7 @@
 """Gaussian data of which some entries are missing: the density of those that were seen.
 
-The marginal of a Gaussian is the Gaussian of the entries that are left. With the covariance R of the entries and a mask, the
-Cholesky factor of R with the rows and columns of missing entries replaced by those of the identity factorises that marginal,
+The marginal of a Gaussian is the Gaussian of the entries that are left. Let R be the covariance of the entries. Replace its
+rows and columns of missing entries by those of the identity. The Cholesky factor of the result factorises that marginal,
 
     log p(z_seen) = sum over seen i of log p(z_i | seen z_j, j < i).
 """

@@ -1,8 +1,8 @@
 """Data drawn from the observation program, with their moments given the state, as flat vectors.
 
-Heuristic likelihoods (`numpyro.factor`), powers of densities (`handlers.scale`), densities that the program masks
-(`handlers.mask`) and distributions that find their data in their own arguments (attribute ``is_predictive`` False) say how well
-a state explains the data, and not what data it would give rise to: they predict nothing.
+Some likelihoods are not predictive. Heuristic likelihoods (`numpyro.factor`), powers of densities (`handlers.scale`), densities
+that the program masks (`handlers.mask`) and distributions that find their data in their own arguments (attribute
+``is_predictive`` False) predict nothing. They measure how well a state explains the data, not which data it would generate.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ For a residual vector r (n,) with weight matrix W, the inverse of the Gaussian's
 nu being the strength: errors of more than sqrt(nu) standard deviations count as outliers. The vector is the event of the
 Gaussian: `dist.Normal(points, 3.0).to_event(1)` has image points as vectors, without `to_event` every entry is one by itself.
 
-If the residual is a function of a state with derivative J, the gradient of -log p by the state is rho' J^T W r, and its
-curvature, the derivative of J left out (section 4.1),
+If the residual is a function of a state with derivative J, the gradient of -log p by the state is rho' J^T W r. Its curvature,
+without the derivative of J (section 4.1), is
 
     J^T (rho' W + 2 rho'' (W r) (W r)^T) J,
 

@@ -22,6 +22,7 @@ from numpyro.distributions import constraints
 from poseppl.compilation import jit
 from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
+from poseppl.program.diffuse import Diffuse
 from poseppl.program.execution import Program, RngBudget, Seed, base_support, is_factor, is_masked, trace_program, unwrap
 from poseppl.program.explanation import explained, suggestion
 from poseppl.program.normal_sites import is_plain
@@ -58,6 +59,7 @@ class Declared(NamedTuple):
         observed: Whether it was given `obs=`.
         noiseless: Whether it is a function of what it depends on (`Delta`).
         divisible: Whether single entries of its events may be missing (`MultivariateNormal`).
+        diffuse: Whether it has a flat prior (`Diffuse`).
     """
 
     shape: tuple[int, ...]
@@ -67,6 +69,7 @@ class Declared(NamedTuple):
     observed: bool
     noiseless: bool = False
     divisible: bool = False
+    diffuse: bool = False
 
     @property
     def size(self) -> int:
@@ -144,7 +147,9 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     for name in (name for name in found if name in fixed):
         site, fn = found[name], found[name]["fn"]
         dtype = np.dtype(jnp.result_type(site["value"]))
-        kind = isinstance(unwrap(fn), dist.Delta), is_plain(site, dist.MultivariateNormal)
+        kind = isinstance(unwrap(fn), dist.Delta), is_plain(site, dist.MultivariateNormal), is_plain(site, Diffuse)
+        if kind[2] and which != "initial":
+            raise ValueError(f"Site {name!r} of the {which} program is Diffuse. Expected it in the initial program alone.")
         sites[name] = Declared(tuple(fn.shape()), dtype, fn.event_dim, supports[name], bool(site["is_observed"]), *kind)
     factors = tuple(name for name, site in found.items() if is_factor(site))
     weighed = tuple(name for name in sites if found[name].get("scale") is not None or is_masked(found[name]["fn"]))

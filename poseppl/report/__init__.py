@@ -6,10 +6,7 @@ from poseppl.report.compare import (
     write_comparison_table as write_comparison_table,
 )
 from poseppl.report.figures import (
-    plot_error as plot_error,
     plot_inefficiency as plot_inefficiency,
-    plot_overlay as plot_overlay,
-    plot_pose3d as plot_pose3d,
     plot_ranks as plot_ranks,
     plot_state as plot_state,
     plot_track as plot_track,

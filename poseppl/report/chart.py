@@ -68,9 +68,9 @@ def bars(above: Array, below: Array | None = None, **style: Any) -> dict[str, An
 def heat(x: Any, names: Sequence[str], values: Array, label: str, run: str = "", *, logarithmic: bool) -> go.Heatmap:
     """Colour a grid (name, x), at evenly chosen x of many; the page takes the logarithm, ``meta`` says so."""
     chosen = evenly(len(x), MAX_POINTS)
-    told = f"%{{y}}, frame %{{x}}<br>{label} %{{customdata:.3g}}<extra>%{{fullData.name}}</extra>"
+    template = f"%{{y}}, frame %{{x}}<br>{label} %{{customdata:.3g}}<extra>%{{fullData.name}}</extra>"
     shown = {"meta": "log10"} if logarithmic else {"z": values[:, chosen]}
-    drawn = {"name": run, "coloraxis": "coloraxis", "showlegend": False, "hovertemplate": told}
+    drawn = {"name": run, "coloraxis": "coloraxis", "showlegend": False, "hovertemplate": template}
     return go.Heatmap(x=np.asarray(x)[chosen], y=list(names), customdata=values[:, chosen], **shown, **drawn)
 
 

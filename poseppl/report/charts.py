@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,9 @@ from matplotlib.colors import to_hex
 from plotly import graph_objects as go
 
 from poseppl.diagnostics.batches import mean_interval
-from poseppl.diagnostics.image_errors import ImageErrors
 from poseppl.diagnostics.modes import Modes
 from poseppl.diagnostics.run_figures import is_sampled
-from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_index, has_chains, worst_pairs
+from poseppl.diagnostics.selection import Array, evenly, frame_index, has_chains, worst_pairs
 from poseppl.report.chart import (
     DOTTED,
     Panel,
@@ -32,18 +30,16 @@ from poseppl.report.chart import (
     stack,
 )
 from poseppl.report.picture import GRID, MODES, MUTED, OBSERVED, POSTERIOR, SAMPLE, TRUTH
-from poseppl.runs.contents import flat_draws, frame_numbers, names_of, variable
+from poseppl.runs.contents import flat_draws, frame_numbers, group_of, names_of, variable
 from poseppl.runs.results import is_weighted
 
 MAX_CHAINS = 40
 BINS = 10
-FEW_POINTS = 300
 
 
 def charts(tree: xr.DataTree) -> dict[str, Any]:
     """Make the charts that a diagnosed result has data for, by name; of ``coordinates`` one each, by its name."""
     made: dict[str, Any] = {
-        "error": chart(error_traces(tree), "mm"),
         "coverage": _coverage(tree),
         "inefficiency": _inefficiency(tree),
         "progress": _progress(tree),
@@ -58,23 +54,6 @@ def charts(tree: xr.DataTree) -> dict[str, Any]:
         for state_dim, name in enumerate(names_of(tree, "state_dim"))
     }
     return {name: each for name, each in made.items() if each is not None}
-
-
-def error_traces(tree: xr.DataTree) -> Traces:
-    """Mean joint error over frames on the 90 % band of errors that the posterior expects; nothing without markers.
-
-    The band shows the distance of draws from their mean: where the posterior is calibrated the truth behaves as one more draw.
-    """
-    expected, error = expected_error(tree), variable(tree, "diagnostics", "joint_error")
-    relative = variable(tree, "diagnostics", "joint_error_relative")
-    if expected is None:
-        return []
-    x = frame_numbers(tree)
-    traces = fan(x, expected, ("expected error, central 90 %", "expected error, median"), line_width=1.2)
-    if error is not None and relative is not None:
-        traces.append(line(x, error.mean(axis=1), "error", TRUTH))
-        traces.append(line(x, relative.mean(axis=1), "error relative to the root", OBSERVED))
-    return traces
 
 
 def state_traces(tree: xr.DataTree, state_dim: int) -> Traces:
@@ -138,7 +117,10 @@ def trace_panels(tree: xr.DataTree) -> list[Panel]:
 
 def _coverage(tree: xr.DataTree) -> go.Figure | None:
     levels, rows = variable(tree, "diagnostics", "level"), []
-    for name, label, color in (("coverage", "state", POSTERIOR), ("coverage_markers", "markers", OBSERVED)):
+    data = group_of(tree, "diagnostics")
+    names = [str(name) for name in data if str(name).startswith("coverage") and f"{name}_se" in data]
+    for name, color in zip(names, (POSTERIOR, OBSERVED), strict=False):
+        label = name.removeprefix("coverage").removeprefix("_") or "state"
         share, error = variable(tree, "diagnostics", name), variable(tree, "diagnostics", f"{name}_se")
         if levels is not None and share is not None and error is not None and np.isfinite(share).all():
             rows.append(points(100 * levels, 100 * share, f"{label} (± 2 standard errors)", color, 100 * error))
@@ -208,36 +190,6 @@ def transform_shares(transform: Array) -> tuple[Array, Array]:
     places = np.minimum(np.floor(transform * BINS), BINS - 1)
     found = [mean_interval(np.where(np.isfinite(transform), places == number, np.nan)) for number in range(BINS)]
     return np.array([each.estimate for each in found]), np.array([each.standard_error for each in found])
-
-
-def residual_chart(tree: xr.DataTree, errors: ImageErrors | None) -> go.Figure | None:
-    """Median distance of each camera's points from where they are expected, over the frames."""
-    if errors is None:
-        return None
-    x, middle = frame_numbers(tree), xr.DataArray(errors.distance, dims=("frame", "camera", "marker")).median("marker").values
-    rows = zip(middle.T, errors.cameras, cycle(MODES), strict=False)
-    traces = [line(x, *row, FEW_POINTS, line_width=1.4) for row in rows]
-    return chart(traces, "distance, image units", height=260, showlegend=True)
-
-
-def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
-    """x, y and z of each joint over the frames on its interval, and how wide that is, by name."""
-    mean, ends = variable(tree, "summary", "markers_mean"), variable(tree, "summary", "markers_quantile")
-    truth = variable(tree, "truth", "markers")
-    if mean is None or ends is None:
-        return {}
-    x, low, high, made = frame_numbers(tree), ends[:, 0], ends[:, -1], {}
-    for k, name in enumerate(names_of(tree, "marker", "summary")):
-        panels, widths = [], []
-        for axis, label in enumerate("xyz"):
-            at = (slice(None), k, axis)
-            traces = fan(x, (low[at], mean[at], high[at]), most=FEW_POINTS, line_width=1.4)
-            if truth is not None:
-                traces.append(line(x, truth[at], "truth", TRUTH, FEW_POINTS, line_width=1.2))
-            panels.append(Panel(traces, f"{label}, mm"))
-            widths.append(line(x, (high[at] - low[at]) / 2, f"half-width, {label}", MODES[axis], FEW_POINTS, line_width=1.2))
-        made[name] = stack([*panels, Panel(widths, "half-width, mm", {"rangemode": "tozero"})], height=120)
-    return made
 
 
 def mode_chart(modes: Modes) -> go.Figure | None:

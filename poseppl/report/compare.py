@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import xarray as xr
 
 from poseppl.diagnostics import comparison_table
+from poseppl.diagnostics.paired_comparison import QUANTITIES
 from poseppl.diagnostics.verdicts.comparison import findings, wins, words
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically, write_rows
@@ -21,12 +22,6 @@ from poseppl.report.compare_tables import (
 )
 from poseppl.report.page import page_html
 from poseppl.runs.contents import group_of
-
-_CARDS = {
-    "ess_per_second": "highest ESS per second",
-    "ess_per_evaluation": "highest ESS per evaluation",
-    "error": "smallest error",
-}
 
 
 def write_comparison(tree: xr.DataTree, path: FilePath) -> None:
@@ -61,7 +56,7 @@ def comparison_html(tree: xr.DataTree) -> str:
         "comparison.html",
         title=f"{sizes['run']} runs compared",
         subtitle=f"{words(figures['run'].values.tolist())} · {sizes['frame']} frames · {sizes['state_dim']} coordinates",
-        cards=[card for quantity in _CARDS for card in _cards(tree, quantity)],
+        cards=[card for quantity in QUANTITIES for card in _cards(tree, quantity)],
         data={"charts-data": drawn},
         charts=drawn,
         found=findings(tree),
@@ -80,4 +75,4 @@ def _cards(tree: xr.DataTree, quantity: str) -> Iterator[tuple[str, str]]:
     winner = str(tree["winner"].dataset["winner"].sel(quantity=quantity).item())
     counts = ", ".join(f"{name} {count}" for name, count in wins(tree, quantity).items())
     if winner:
-        yield winner, f"{_CARDS[quantity]} · by coordinate: {counts}" if counts else _CARDS[quantity]
+        yield winner, f"{QUANTITIES[quantity]} · by coordinate: {counts}" if counts else QUANTITIES[quantity]

@@ -48,6 +48,7 @@ COSTS = {"ess_per_second": "ESS per second", "ess_per_evaluation": "ESS per eval
 def comparison_charts(tree: xr.DataTree) -> dict[str, Any]:
     """Make the charts that a comparison (of :func:`poseppl.diagnostics.compare`) has data for, by name."""
     made = {"cost": _cost(tree), "error": _error(tree), "coverage": _coverage(tree), "progress": _progress(tree)}
+    made["autocorrelation"] = _autocorrelation(tree)
     return {name: each for name, each in made.items() if each} | {"heat": heat_maps(tree), "variance": variance_charts(tree)}
 
 
@@ -101,8 +102,8 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
     runs, dofs = shown_runs(tree), figures["state_dim"].values.tolist()
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
     slot = 0.8 * (np.cumsum(taking_part) - 0.5) / max(taking_part.sum(), 1) - 0.4
-    told = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
-    style = {"marker_size": 7, "text": dofs, "hovertemplate": told}
+    template = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
+    style = {"marker_size": 7, "text": dofs, "hovertemplate": template}
     panels: list[Panel] = []
     for column, title in COSTS.items():
         traces: Traces = []
@@ -140,6 +141,18 @@ def _lines(tree: xr.DataTree, values: Array) -> Traces:
 def _error(tree: xr.DataTree) -> go.Figure | None:
     values = tree["figures"].dataset["joint_error"].transpose("run", "frame").values
     return chart(_lines(tree, values), "mean joint error, mm", height=340)
+
+
+def _autocorrelation(tree: xr.DataTree) -> go.Figure | None:
+    """Autocorrelation of each run's coordinate that mixes worst."""
+    tau, rho = tree["summary"].dataset["tau"].fillna(0), tree["figures"].dataset["autocorrelation"]
+    worst = tau.argmax("state_dim")
+    traces = [
+        line(rho["lag"].values, each, f"{run.name}: {tau['state_dim'].values[at]}", run.color)
+        for each, run, at in zip(rho.isel(state_dim=worst).values, shown_runs(tree), worst.values, strict=True)
+        if np.isfinite(each).any()
+    ]
+    return chart(traces, "", xlabel="lag (draws)", yaxis_rangemode="normal")
 
 
 def _coverage(tree: xr.DataTree) -> go.Figure | None:

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.comparison import COSTS
 from poseppl.diagnostics.evidence import evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
 from poseppl.diagnostics.selection import evenly
-from poseppl.report.page import DASH, Cell
+from poseppl.report.page import DASH, Cell, with_error
 from poseppl.report.tables import Row, flatten
 from poseppl.runs.contents import group_of
 
@@ -22,12 +23,12 @@ COLORS = (
     *("#8c5a3c", "#5b8def", "#f08fc0", "#a3b18a", "#7f1d1d", "#14213d", "#c9ada7", "#84cc16"),
 )
 MAX_LEADS, MAX_SITES = 4, 12
-_BY_COORDINATE = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
+_BY_COORDINATE = ("rhat", "ess", *COSTS, "error", "error_over_sd")
 _JUDGED = {"ess_per_second": "ess_per_second_all", "ess_per_evaluation": "ess_per_evaluation_all", "error": "joint_error_all"}
 
 
 class ShownRun(NamedTuple):
-    """A run as it is shown: its name, that with a warning where its posterior is wrong, its colour."""
+    """How a run is shown: its name, its name with a warning if its posterior is wrong, its colour."""
 
     name: str
     label: str
@@ -52,6 +53,7 @@ def runs_table(tree: xr.DataTree) -> list[Row]:
     figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "cpu_seconds", "draws"]])
     for index, run in enumerate(shown_runs(tree)):
         row: Row = {str(name): each[index].item() for name, each in figures.data_vars.items() if each.dims == ("run",)}
+        row |= {"tau": _figure(figures.isel(run=index), "tau_all", "tau_se_all")}
         row |= {"run": run.cell, "evidence": evidence_words(tree["evidence"].dataset.isel(run=index))}
         row |= {f"cover_{level}": covered(figures, index, level / 100) for level in (50, 90)}
         rows.append(row | {"bold": [_JUDGED[name] for name in QUANTITIES if winner.sel(quantity=name) == run.name]})
@@ -65,6 +67,7 @@ def coordinates_table(tree: xr.DataTree) -> list[Row]:
     for state_dim, label in enumerate(summary["state_dim"].values.tolist()):
         for index, run in enumerate(shown_runs(tree)):
             row: Row = {name: columns[name].values[index, state_dim] for name in _BY_COORDINATE}
+            row |= {"tau": _figure(summary.isel(state_dim=state_dim, run=index), "tau", "tau_se")}
             row |= {
                 f"cover_{level}": covered(summary.isel(state_dim=state_dim), index, level / 100, "coverage")
                 for level in (50, 90)
@@ -88,8 +91,8 @@ def forecasts_table(tree: xr.DataTree) -> list[Row]:
             for run, scores in runs:
                 at = scores.isel(lead=lead)
                 row: Row = {"site": site, "lead": at["lead"].item(), "run": run.cell}
-                row |= {"crps": with_error(at, "crps", "crps_error")}
-                rows.append(row | {name: with_error(100 * at, name, f"{name}_se") for name in ("coverage", "overall")})
+                row |= {"crps": _figure(at, "crps", "crps_error")}
+                rows.append(row | {name: _figure(100 * at, name, f"{name}_se") for name in ("coverage", "overall")})
     return rows
 
 
@@ -124,14 +127,9 @@ def _outcome(row: xr.Dataset, cells: dict[str, Cell]) -> Cell:
 def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage_all") -> str:
     """Coverage of a run and its standard error, in per cent."""
     error = name.replace("coverage", "coverage_se")
-    return with_error(100 * summary[[name, error]].isel(run=index).sel(level=level, method="nearest"), name, error, 0)
+    return _figure(100 * summary[[name, error]].isel(run=index).sel(level=level, method="nearest"), name, error, 0)
 
 
-def with_error(at: xr.Dataset, name: str, error: str, digits: int | None = None) -> str:
-    """A figure and its standard error, to so many digits, or to two of this."""
-    value, spread = float(at[name]), float(at[error])
-    if not np.isfinite(value):
-        return DASH
-    if digits is None:
-        digits = max(0, 1 - int(np.floor(np.log10(spread)))) if np.isfinite(spread) and spread > 0 else 2
-    return f"{value:.{digits}f} ± {spread:.{digits}f}"
+def _figure(at: xr.Dataset, name: str, error: str, digits: int | None = None) -> str:
+    """A figure of a summary and its standard error."""
+    return with_error(float(at[name]), float(at[error]), digits)

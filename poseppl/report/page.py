@@ -14,10 +14,10 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
@@ -32,6 +32,26 @@ MISSING = 65_535
 
 Column = tuple[str, str, str]
 """The title of a column, the key of its figures in a row, and their format."""
+
+
+class Extension(NamedTuple):
+    """Additions of a package to the reports of its results; its folder `templates` has `sections.html` and `sections.js`.
+
+    Attributes:
+        package: Its name.
+        cards: Its headline numbers, of :func:`poseppl.report.tables.cards`.
+        charts: Its charts by name.
+        data: Its data for its script, by the id of their element.
+        content: The variables of its template.
+        modes: Modes of other quantities than the state; None if it has none.
+    """
+
+    package: str
+    cards: Sequence[Any] = ()
+    charts: Mapping[str, Any] = {}
+    data: Mapping[str, Any] = {}
+    content: Mapping[str, Any] = {}
+    modes: Any = None
 
 
 class Cell(NamedTuple):
@@ -52,6 +72,29 @@ def shown(value: Any, form: str = "") -> str:
     if value != 0 and not 1e-3 <= abs(value) < 1e9:
         return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
     return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
+
+
+def with_error(value: float, error: float, digits: int | None = None) -> str:
+    """A figure and its standard error, to so many digits, or to two of the error."""
+    if not np.isfinite(value):
+        return DASH
+    if not np.isfinite(error):
+        return shown(value)
+    if digits is None:
+        digits = max(0, 1 - int(np.floor(np.log10(error)))) if error > 0 else 2
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def with_interval(value: float, low: float, high: float, deviation: float = float("nan")) -> str:
+    """A figure, a standard deviation if there is one, and an interval, to the first digit of half the interval's width.
+
+    >>> with_interval(1.3052, 1.2731, 1.3409)
+    '1.31 (1.27 to 1.34)'
+    """
+    half = 0.5 * (high - low)
+    digits = max(0, -int(np.floor(np.log10(half)))) if np.isfinite(half) and half > 0 else 2
+    spread = f" ± {deviation:.{digits}f}" if np.isfinite(deviation) else ""
+    return f"{value:.{digits}f}{spread} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def filled(columns: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> list[Column]:
@@ -105,32 +148,37 @@ def _listed(values: NDArray[Any]) -> Any:
     return float(f"{values:.5g}") if np.isfinite(values) else None
 
 
-def _environment() -> Environment:
-    made = Environment(loader=PackageLoader("poseppl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+@cache
+def environment_of(*packages: str) -> Any:
+    """Jinja's environment for the templates of packages; texts are escaped. Pictures need no Jinja, which is imported here."""
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    loader = ChoiceLoader([PackageLoader(package) for package in packages])
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     made.filters |= {"shown": shown, "filled": filled}
     made.policies.update({"json.dumps_function": to_json, "json.dumps_kwargs": {}})
     return made
 
 
-ENVIRONMENT = _environment()
-
-
-def page_html(template: str, **content: Any) -> str:
+def page_html(template: str, extension: str = "", **content: Any) -> str:
     """Render a page.
 
     Args:
         template: Its name among the package's templates.
+        extension: A package with sections of its own.
         content: The variables of the template; ``data`` goes to the script, by the id of its element.
 
     Returns:
         The whole page.
     """
-    loader = ENVIRONMENT.loader
-    assert loader is not None
-    style, *own = (loader.get_source(ENVIRONMENT, name)[0] for name in ("page.css", "page.js", "poses.js"))
+    environment = environment_of("poseppl.report", *filter(None, [extension]))
+    loader = environment.loader
+    sources = ["page.css", "page.js", *(["sections.js"] if extension else [])]
+    style, *own = (loader.get_source(environment, name)[0] for name in sources)
     scripts = [get_plotlyjs(), *own]
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
     known = " ".join(f"'sha256-{value}'" for value in hashes)
     policy = f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
     trusted = {"style": Markup(style), "scripts": [Markup(text) for text in scripts], "policy": Markup(policy)}
-    return ENVIRONMENT.get_template(template).render(**trusted, **content).strip() + "\n"
+    page: str = environment.get_template(template).render(**trusted, extended=bool(extension), **content)
+    return page.strip() + "\n"

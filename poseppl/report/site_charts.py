@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from plotly import graph_objects as go
 
-from poseppl.diagnostics.selection import Array, told
+from poseppl.diagnostics.selection import Array, provenance_table
 from poseppl.report.chart import Traces, chart, fan, line
 from poseppl.report.picture import MODES, OBSERVED, TRUTH
 from poseppl.runs.contents import frame_numbers, group_of, names_of, variable
@@ -93,4 +93,4 @@ def _drawn(traces: Traces, unit: str, **more: Any) -> go.Figure | None:
 
 
 def _unit(tree: xr.DataTree, name: str) -> str:
-    return str(told(tree, "units").get(name, ""))
+    return str(provenance_table(tree, "units").get(name, ""))

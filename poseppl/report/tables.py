@@ -1,23 +1,25 @@
-"""The tables of the report: coordinates, worst frames, errors, cameras, doubts, modes, settings; and its headline numbers."""
+"""The tables of the report: coordinates, worst frames, modes, settings; and its headline numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.doubts import Doubts, doubts_in_a_row
-from poseppl.diagnostics.image_errors import ImageErrors
+from poseppl.diagnostics.comparison import over_frames
+from poseppl.diagnostics.efficiency import RHAT_SHARE, disagreement
 from poseppl.diagnostics.modes import Modes, ambiguities
-from poseppl.diagnostics.run_figures import is_sampled
-from poseppl.diagnostics.selection import told
-from poseppl.report.page import DASH
-from poseppl.runs.contents import FLAT, group_of, names_of, variable
+from poseppl.diagnostics.run_figures import figures_of_run, is_sampled
+from poseppl.report.page import DASH, shown, with_error
+from poseppl.runs.contents import FLAT, group_of
 from poseppl.runs.results import is_weighted, provenance
 
-MAX_ROWS, MAX_DOUBTS, MAX_VALUES = 10, 15, 30
+MAX_ROWS, MAX_VALUES = 10, 30
 Row = dict[str, Any]
+Card = tuple[Any, str, str]
+"""A headline number, or an array of which it is the mean; its format; and its label. None is shown of what is not finite."""
 
 
 class Top(NamedTuple):
@@ -42,32 +44,25 @@ def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
 
 
 def inefficiency_table(tree: xr.DataTree) -> list[Row]:
-    """List the inefficiency of each coordinate over the frames, the worst first; nothing for weighted particles."""
-    data = tree["diagnostics"].dataset
-    if is_weighted(tree) or not is_sampled(tree) or data["tau"].isnull().all():
+    """List what a coordinate's draws are worth, over the frames; nothing for weighted particles, whose coordinates are equal.
+
+    The first are those in which chains disagree, by R-hat, where any do; then those of the largest inefficiency factor.
+    """
+    figures = figures_of_run(tree)
+    if is_weighted(tree) or figures["tau"].isnull().all():
         return []
-    moves = data["tau"].notnull().any("frame")
-    moving = data.isel(state_dim=moves.values)
-    tau = moving["tau"]
-    figures = xr.Dataset(
-        {
-            "median": tau.median("frame"),
-            "mean": tau.mean("frame"),
-            "largest": tau.max("frame"),
-            "worst": tau.idxmax("frame"),
-            "windowed": moving["tau_windowed"].median("frame"),
-            "ess": moving["ess"].min("frame"),
-            "rhat": moving["rhat"].max("frame"),
-        }
-    )
-    fixed = [
-        {"state_dim": name} | dict.fromkeys(map(str, figures), "fixed") for name in data["state_dim"].values[~moves.values]
-    ]
-    return records(figures.sortby(-figures["largest"])) + fixed
+    moves = figures["tau"].notnull().any("frame").values
+    moving = figures.isel(state_dim=moves)
+    tau, parts = moving["tau"], xr.Dataset(over_frames(moving))
+    parts = parts.assign(largest=tau.max("frame"), worst=tau.idxmax("frame"), least=moving["ess"].min("frame"))
+    order = "rhat" if disagreement(moving["rhat"]) > RHAT_SHARE else "largest"
+    rows = [row | {"tau": with_error(row["tau"], row["tau_se"])} for row in records(parts.sortby(-parts[order]))]
+    names = figures["state_dim"].values[~moves]
+    return rows + [dict.fromkeys(parts.data_vars, "fixed") | {"state_dim": name} for name in names]
 
 
 def worst_frames_table(tree: xr.DataTree) -> Top:
-    """List the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences, joint error.
+    """List the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences.
 
     Nothing for closed forms, nor where one frame is as the other.
     """
@@ -76,61 +71,12 @@ def worst_frames_table(tree: xr.DataTree) -> Top:
     if not is_sampled(tree) or tau.isnull().all() or (len(tau) > 1 and tau.max() == tau.min()):
         return Top([], 0)
     found = {"rejection": data.get("rejection_rate"), "divergences": group_of(tree, "sample_stats").get("divergences")}
-    found = {"error": data.get("joint_error")} | ({} if is_weighted(tree) else found)
-    means = {name: values.mean(set(values.dims) - {"frame"}) for name, values in found.items() if values is not None}
-    figures = xr.Dataset({"tau": tau.max("state_dim"), "ess": data["ess"].min("state_dim")} | means)
-    figures["coordinate"] = (
-        tau.fillna(-1).idxmax("state_dim") if not is_weighted(tree) else xr.full_like(tau[:, 0], "all", object)
-    )
-    return Top(records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS))), figures.sizes["frame"])
-
-
-def error_table(tree: xr.DataTree) -> list[Row]:
-    """List the error of each marker over the frames, absolute and relative to the root; nothing without a truth."""
-    error, relative = variable(tree, "diagnostics", "joint_error"), variable(tree, "diagnostics", "joint_error_relative")
-    if error is None or relative is None:
-        return []
-    parts = [*zip(names_of(tree, "marker"), error.T, relative.T, strict=True), ("all", error, relative)]
-    return [
-        {"marker": name, "mean": each.mean(), "high": np.quantile(each, 0.95), "relative": beside.mean()}
-        for name, each, beside in parts
-    ]
-
-
-def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[Row]:
-    """A row a camera: its data, their errors, and the correction of its calibration, if the result has these."""
-    if errors is None:
-        return []
-    found, seen = told(tree, "cameras found"), np.isfinite(errors.distance)
-    wrong_person, swaps = (variable(tree, "faults", part) for part in ("wrong_person", "swaps"))
-    rows = []
-    for c, (name, (right, down), spread) in enumerate(zip(errors.cameras, errors.bias, errors.spread, strict=True)):
-        mine, noise = found.get(name), errors.noise[:, c][seen[:, c]]
-        row: Row = {"camera": name, "points": seen[:, c].sum(), "noise": np.median(noise) if noise.size else np.nan}
-        row |= {"spread": spread, "right": right, "down": down}
-        if isinstance(mine, dict):
-            row |= {key: _number(mine.get(key)) for key in ("turned", "moved", "agreement")}
-        if swaps is not None and swaps.size:
-            row["exchanged"] = (swaps[:, c] > 0.5).any(-1).sum()
-        if wrong_person is not None and np.isfinite(wrong_person[:, c]).any():
-            row["identity"] = 1 - np.nanmax(wrong_person[:, c])
-        rows.append(row)
-    columns = {key for row in rows for key in row}
-    return [dict.fromkeys(columns, np.nan) | row for row in rows]
-
-
-def doubt_table(tree: xr.DataTree, doubts: Doubts | None) -> Top:
-    """The doubts that weigh most."""
-    found = [] if doubts is None else doubts_in_a_row(tree, doubts)
-    rows: list[Row] = [
-        each._asdict()
-        | {
-            "joint": ", ".join(each.joints),
-            "frames": f"{each.first}" + (f" to {each.last}" if each.num_frames > 1 else ""),
-        }
-        for each in found[:MAX_DOUBTS]
-    ]
-    return Top(rows, len(found))
+    means = {} if is_weighted(tree) else {name: values for name, values in found.items() if values is not None}
+    worst = data.get("tau_se", xr.full_like(tau, np.nan)).isel(state_dim=tau.fillna(-1).argmax("state_dim"))
+    figures = xr.Dataset({"tau": tau.max("state_dim"), "tau_se": worst, "ess": data["ess"].min("state_dim")} | means)
+    rows = records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS)))
+    alike = {"state_dim": "all"} if is_weighted(tree) else {}
+    return Top([row | {"tau": with_error(row["tau"], row["tau_se"])} | alike for row in rows], figures.sizes["frame"])
 
 
 def ambiguity_table(modes: Modes) -> Top:
@@ -143,24 +89,30 @@ def ambiguity_table(modes: Modes) -> Top:
     return Top(rows, len(found))
 
 
-def cards(tree: xr.DataTree) -> list[tuple[str, str]]:
-    """List the headline numbers, those that the result has."""
-    data, known = tree["diagnostics"].dataset, provenance(tree)
+def cards(tree: xr.DataTree, more: Sequence[Card] = ()) -> list[tuple[str, str]]:
+    """List the headline numbers, those that the result has: first what draws are worth, R-hat before all if chains disagree.
+
+    Args:
+        tree: A diagnosed result.
+        more: Numbers of an extension.
+    """
+    data, known, figures = tree["diagnostics"].dataset, provenance(tree), figures_of_run(tree)
     share, error = (data[name].sel(level=0.9) if name in data else np.nan for name in ("coverage", "coverage_se"))
-    stature, seconds = known.get("assumed stature"), _number(known.get("wall_seconds"))
-    tall, unsure = map(_number, stature) if isinstance(stature, list) and len(stature) == 2 else (np.nan, np.nan)
-    given, frames = 0 < tall < 1e4 and 0 < unsure < 1e4, _number(known.get("frames_run", tree["posterior"].sizes["frame"]))
-    found = [
-        (data.get("joint_error"), "{:.0f} mm", "mean joint error"),
-        (data.get("joint_error_relative"), "{:.0f} mm", "mean joint error relative to the root"),
-        (100 * share, f"{{:.0f}} ± {100 * float(error):.0f} %", "coverage of 90 % intervals (± SE)"),
-        (data["tau"].median() if is_sampled(tree) else None, "{:.1f}", "median inefficiency factor τ"),
+    frames, seconds = known.get("frames_run", tree["posterior"].sizes["frame"]), number_of(known.get("wall_seconds"))
+    worth = over_frames(figures, "state_dim")
+    cost = "gradient" if np.isfinite(worth["ess_per_gradient"]) else "evaluation"
+    found: list[Card] = [
+        (worth["rhat"] if disagreement(figures["rhat"]) > RHAT_SHARE else None, "{:.2f}", "largest R-hat: the chains disagree"),
+        (figures["tau"].median(), "{:.1f}", "median inefficiency factor τ"),
+        (worth["ess_per_second"], "", "ESS per second"),
+        (worth[f"ess_per_{cost}"], "", f"ESS per {cost}"),
         (None if is_weighted(tree) else 100 * data.get("rejection_rate", np.nan), "{:.0f} %", "proposals rejected"),
-        (tall / 1000 if given else None, f"{{:.2f}} ± {unsure / 1000:.2f} m", "assumed stature (± SD)"),
-        (frames / seconds if seconds > 0 else None, "{:.1f}", "frames per second"),
+        (100 * share, f"{{:.0f}} ± {100 * float(error):.0f} %", "coverage of 90 % intervals (± SE)"),
+        *more,
+        (number_of(frames) / seconds if seconds > 0 else None, "{:.1f}", "frames per second"),
     ]
     means = [(np.nan if value is None else float(np.mean(value)), form, label) for value, form, label in found]
-    return [(form.format(value), label) for value, form, label in means if np.isfinite(value)]
+    return [(form.format(value) if form else shown(value), label) for value, form, label in means if np.isfinite(value)]
 
 
 def records(figures: xr.Dataset) -> list[Row]:
@@ -190,5 +142,6 @@ def _word(value: Any) -> str:
     return DASH if value is None else f"{value + 0.0:.6g}" if isinstance(value, float) else str(value)
 
 
-def _number(value: Any) -> float:
+def number_of(value: Any) -> float:
+    """A number of a result's provenance; NaN for anything else."""
     return float(value) if isinstance(value, int | float) else float("nan")

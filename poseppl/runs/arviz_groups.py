@@ -2,9 +2,9 @@
 
     arviz.loo(to_arviz(add_predictive(result, model, rng_key)))
 
-ArviZ knows no missing data. Of a site with some, ``observed_data``, ``posterior_predictive`` and ``log_likelihood`` hold the
-events that were seen, in one dimension ``NAME_seen``, with their frames as ``NAME_frame``; the result itself keeps its shape
-and its NaN.
+ArviZ does not support missing data. For a site with missing data, ``observed_data``, ``posterior_predictive`` and
+``log_likelihood`` contain the observed events, in one dimension ``NAME_seen``, with their frames as ``NAME_frame``. The result
+itself keeps its shape and its NaN.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import xarray as xr
 from poseppl.runs.contents import FLAT, group_of
 
 _GROUPS = ("posterior", FLAT, "sample_stats", "observed_data", "posterior_predictive", "log_likelihood", "predictions")
-"""What a result has of ArviZ's groups."""
+"""ArviZ's groups that a result may have."""
 
 
 def to_arviz(result: xr.DataTree) -> Any:
     """Convert a result to what the functions of the installed ArviZ take.
 
     Args:
-        result: A result, or a forecast; left as it is.
+        result: A result, or a forecast; not modified.
 
     Returns:
         A DataTree, or before version 1 of ArviZ an ``arviz.InferenceData``.

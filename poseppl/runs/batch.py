@@ -4,7 +4,7 @@
     whole["summary/level_mean"]                                                                # (series, frame)
     one = one_series(whole, 17)                                                                # a result like any other
 
-Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Series i has the
+Series of unequal length are given as a list of dicts of arrays, or padded with NaN, with their `lengths`. Series i has the
 key ``jax.random.fold_in(rng_key, i)``, and is the run that :func:`poseppl.infer` makes of it, within float rounding.
 """
 
@@ -29,6 +29,8 @@ from poseppl.filters.base import Filter
 from poseppl.filters.scan import scan_filter
 from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_data import EarlierDataModel
+from poseppl.program.earlier_inputs import check_seen, with_earlier_data
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
@@ -83,11 +85,11 @@ def infer_batch(
             each with a leading T_s; None where the model takes none.
         lengths: Frames (S,) of each series, where `data` are arrays that are padded; T for all if None.
         chunk: Series at a time, at most, in as many equal parts as that takes; more take more memory.
-        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 20 draws and summaries if None.
+        collect: Collector of each frame, from :func:`~poseppl.runs.collectors.collect_draws`; 20 draws and summaries if None.
         names: Names of the series (S,); 0, 1, ... if None.
         attrs: Provenance: anything that JSON can hold.
         history_mib: Room for what smoothers start from, of all series, MiB; as :func:`poseppl.infer` takes it.
-        progress: Who is attributes how many series are done.
+        progress: Callback for the number of series that are done.
 
     Returns:
         A result with the dimension ``series`` in every group, NaN after the end of a series; ``sample_stats/num_frames`` has
@@ -106,7 +108,7 @@ def infer_batch(
     called = list(range(number)) if names is None else list(names)
     if len(called) != number or len(set(called)) != number:
         raise InputError(f"{len(set(called))} different names", field="names", expected=f"{number}, one for each series")
-    rows = _stacked_inputs(inputs, ends, frames)
+    rows = _with_earlier_data(model, observations, _stacked_inputs(inputs, ends, frames), ends)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(rng_key, jnp.arange(number))
     note = progress.note if progress else _LOGGER.warning
     keep = _has_room(built, (keys, observations, rows), number * frames, history_mib, note)
@@ -257,11 +259,20 @@ def _stacked_inputs(inputs: Any, ends: NDArray[np.int64], frames: int) -> Any:
         if isinstance(leaf, Constant):
             return jax.tree.map(lambda value: jnp.broadcast_to(value, (number, frames, *np.shape(value))), leaf.value)
         if np.shape(leaf)[:2] != (number, frames):
-            expected = f"({number}, {frames}, ...), or a Constant for what is the same everywhere"
+            expected = f"({number}, {frames}, ...), or a Constant for values that are the same in all frames"
             raise InputError(f"an array of shape {np.shape(leaf)}", field="inputs", expected=expected)
         return jnp.asarray(leaf)
 
     return jax.tree.map(stack, inputs, is_leaf=lambda node: isinstance(node, Constant))
+
+
+def _with_earlier_data(model: CompiledModel, observations: Observation, rows: Any, ends: NDArray[np.int64]) -> Any:
+    """Inputs (S, T, ...) with the data before each frame, for a model that reads them."""
+    if not isinstance(model, EarlierDataModel):
+        return rows
+    for index, end in enumerate(ends):
+        check_seen(model, tree_index(observations, index), int(end))
+    return jax.vmap(lambda data, inputs: with_earlier_data(model, data, inputs))(observations, rows)
 
 
 def _check_rows(index: int, inputs: Any, allowed: set[int]) -> None:
@@ -273,7 +284,7 @@ def _check_rows(index: int, inputs: Any, allowed: set[int]) -> None:
     for leaf in leaves:
         if isinstance(leaf, Constant) or np.ndim(leaf) == 0 or len(leaf) not in allowed:
             given = "a Constant" if isinstance(leaf, Constant) else f"an array of shape {np.shape(leaf)}"
-            expected = f"{min(allowed)} rows, one for each frame of the series; in a list, what is constant is repeated"
+            expected = f"{min(allowed)} rows, one for each frame of the series; in a list, repeat constant values"
             raise InputError(f"series {index} has {given}", field="inputs", expected=expected)
 
 

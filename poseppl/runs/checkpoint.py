@@ -4,10 +4,10 @@
     part-000000-000001.npz what was kept of frames 0 to 0, and the state after them
     part-000001-000009.npz ...
 
-Parts are kept by a :class:`~poseppl.files.store.Store`, so that whatever kills the run leaves whole ones; one that is damaged
-all the same is recognised (arrays carry checksums in the zip, shapes and types are compared), and it and what follows it are
-computed anew. Each part's record is a hash of the settings, so that damaged settings cost nothing. While a run is at the
-folder, it holds a lock on it.
+Parts are kept by a :class:`~poseppl.files.store.Store`, so that whatever kills the run leaves whole parts. A damaged part is
+still recognised (arrays carry checksums in the zip, shapes and types are compared). It is computed again, with the parts that
+follow it. Each part's record is a hash of the settings, so that damaged settings cost nothing. While a run is at the folder, it
+holds a lock on it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any, history: 
         history: Whether the filter's history is kept.
 
     Returns:
-        What JSON can hold.
+        A value of types that JSON has.
     """
     shapes = [f"{leaf.dtype}{list(leaf.shape)}" for leaf in jax.tree.leaves(state)]
     return {
@@ -91,7 +91,7 @@ class Checkpoint:
 
         Args:
             run: The run's :func:`fingerprint`.
-            note: Is told of damaged settings and parts, and of parts that cannot be written.
+            note: Receives messages about damaged settings and parts, and parts that cannot be written.
 
         Raises:
             CheckpointError: The folder holds another run, or this one and `resume` is not set, or a run is at it now.
@@ -109,9 +109,9 @@ class Checkpoint:
                 return
             aside = path.with_suffix(".damaged")
             path.replace(aside)
-            note(f"{path}: damaged, and now called {aside.name}; the parts that are of this run are kept")
+            note(f"{path}: damaged, and now called {aside.name}; the parts of this run are kept")
         elif any(self.folder.iterdir()):
-            raise CheckpointError(f"{self.folder}: the folder holds other files; name an empty folder for the checkpoint")
+            raise CheckpointError(f"{self.folder}: the folder contains other files; choose an empty folder for the checkpoint")
         write_atomically(path, json.dumps(described, indent=1) + "\n")
 
     def _claim(self) -> None:
@@ -120,7 +120,7 @@ class Checkpoint:
         try:
             self._lock = take_lock(self.folder)
         except BlockingIOError:
-            problem = "another process is at this checkpoint; wait for its end, or name another folder"
+            problem = "another process is at this checkpoint; wait for its end, or choose another folder"
             raise CheckpointError(f"{self.folder}: {problem}") from None
         except OSError:  # a file system without locks
             pass
@@ -134,7 +134,11 @@ class Checkpoint:
                 f"{self.folder}: the checkpoint is of another run ({shown}); use the same settings and data, or another folder"
             )
         if not self.resume:
-            resume = (f"{self.folder}: holds this run already; resume it (", Argument("resume"), "), or name another folder")
+            resume = (
+                f"{self.folder}: contains this run already; resume it (",
+                Argument("resume"),
+                "), or choose another folder",
+            )
             raise CheckpointError(Phrase(*resume))
 
     def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any) -> list[tuple[Any, Any]]:
@@ -143,14 +147,14 @@ class Checkpoint:
         Args:
             spans: First frame and the one after the last, of each part.
             state: A state of the right shapes.
-            blank: What is kept of one frame, of the right shapes.
+            blank: Output of the collector for one frame, of the right shapes.
 
         Returns:
-            Of each part the filter's state after it, None but for the last, and what was kept of its frames.
+            For each part the filter's state after it (None except for the last part) and the collector's output for its frames.
         """
         parts: list[tuple[Any, Any]] = []
         for start, stop in spans:
-            remedy = f"frames from number {start} of the run on are computed anew"
+            remedy = f"frames from number {start} of the run on are computed again"
             restore = partial(_restored, frames=stop - start, state=state, blank=blank)
             part = self._store.load(_name(start, stop), self._record, restore, remedy=remedy)
             if part is None:
@@ -165,7 +169,7 @@ class Checkpoint:
             start: The first frame.
             stop: The one after the last.
             state: The filter's state after the part.
-            kept: What was kept of its frames.
+            kept: The collector's output for its frames.
         """
         waiting = bool(self._unsaved)
         self._unsaved[start, stop] = state, kept
@@ -175,7 +179,7 @@ class Checkpoint:
                 del self._unsaved[span]
         except (OSError, PosepplError) as error:
             if not waiting:
-                self._note(f"{error}; the run goes on, its frames from number {start} on are not saved yet")
+                self._note(f"{error}; the run continues, its frames from number {start} on are not saved yet")
 
     def _write(self, span: tuple[int, int], state: Any, kept: Any) -> None:
         arrays = {f"kept_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(kept))}

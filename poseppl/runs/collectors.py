@@ -1,8 +1,8 @@
 """Collectors of what is kept of a run, which the driver calls with every frame.
 
-Kept are a thinning of the draws and, made over all of them, their mean, standard deviation and quantiles; so the memory of a
-long run is bounded by the thinning, and its intervals do not depend on it. Where a filter's state has
-``marginals`` (:class:`poseppl.gaussians.marginals.Marginals`), the summary of the flat state is of these, not of draws. Extras
+A collector keeps a thinned set of draws, and the mean, standard deviation and quantiles of all draws. So thinning bounds the
+memory of a long run, and intervals do not depend on it. If a filter's state has ``marginals``
+(:class:`poseppl.gaussians.marginals.Marginals`), the summary of the flat state is computed from these, not from draws. Extras
 (such as the markers of a body) are functions of a state, and are kept in the same way. Angles of a circular site are summarised
 in the turn about their mean direction: draws on both sides of pi are near each other.
 """
@@ -35,7 +35,7 @@ Extras = Callable[[Array, Any], Mapping[str, Array]]
 """`(x, inputs) -> values by name` for one state (d,)."""
 
 _DIMENSIONS = ("chain", "draw", "frame", "series", "state_dim", "quantile")
-"""Of results, beside those of sites."""
+"""Names of results, beside those of sites."""
 _NUM_QUANTILE_DRAWS = 2000
 """Weighted particles are resampled to so many draws at most for their quantiles: a standard error of 1 % of a probability."""
 _COPIES = 4
@@ -79,7 +79,7 @@ def collect_draws(
 
     summarise = partial(_summary, model, mean_only, levels)
 
-    def told(kept: dict[str, Array], summary: dict[str, Array], inputs: Any) -> Draws:
+    def draws_of(kept: dict[str, Array], summary: dict[str, Array], inputs: Any) -> Draws:
         state = kept.pop("state")
         flat = sites_of(model, state.reshape(-1, model.dimension), inputs)
         sites = {name: value.reshape(*state.shape[:2], *value.shape[1:]) for name, value in flat.items()}
@@ -97,7 +97,7 @@ def collect_draws(
             for name, value in values.items()
             if name not in mean_only
         }
-        return told(kept, summary, inputs)
+        return draws_of(kept, summary, inputs)
 
     def of_particles(rng_key: Array, state: Any, inputs: Any) -> Draws:
         log_weights = normalise(state.log_weights).log_weights
@@ -114,7 +114,7 @@ def collect_draws(
         sample = {name: value[chosen] for name, value in values.items()}
         summary = summarise(values, weights, sample, exact)
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
-        return told(kept, summary, inputs)
+        return draws_of(kept, summary, inputs)
 
     def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
         return (of_chains if state.log_weights.ndim == 2 else of_particles)(rng_key, state, inputs)

@@ -1,16 +1,16 @@
 """The compiled calls of the driver: the filter's `init`, and scans of frames, from host arrays to host arrays.
 
-What is kept of a frame, and its predictive checks, are in the scan alone: it takes the first frame as `init` left it. Keys of
-frames are made beforehand, by a program that all filters share. Both
-programs are compiled before either runs, so that no compilation counts as time of the frames. The filter keeps what was
-compiled for it: a run whose filter, collector and shapes are those of an earlier one compiles nothing, and what was compiled
-goes with the filter.
+Only the scan has the collector and the predictive checks; it takes the first frame as `init` left it. Another program, which
+all filters share, makes the keys of frames beforehand. Both programs are compiled before either runs, so that no compilation
+counts as time of the frames. The filter keeps its compiled programs: a run with the same filter, collector and shapes as an
+earlier one compiles nothing. They are freed with the filter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 from typing import Any, NamedTuple
 
 import jax
@@ -42,24 +42,29 @@ from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames, key_data
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
+from poseppl.stored_programs import key_of, recalled
 
 _LONG, _SHORT = 64, 8
 """Room for frames of a compiled call, whatever the parts of a run, so that all share one program, and its rounding: of most
 runs, and of those of large frames. A call takes as many frames as there are."""
+_KEYS = 512
+"""Frames whose keys are made at once."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
+_TRACING = Lock()
+"""NumPyro has one stack of handlers for all threads: programs are traced one after the other, and compiled side by side."""
 
 
 class StepOutput(NamedTuple):
     """Draws and diagnosis kept of a frame; of a sequence, with a leading T.
 
     Attributes:
-        outputs: What `collect` returned.
+        outputs: Output of `collect`.
         info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
         unique_ancestors: How many particles of the frame before have offspring.
         finite: Whether all particles of positive weight were finite, and their integers exact.
         prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
-        history: What smoothers need of it, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
+        history: Record of it for smoothers, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
     """
 
     outputs: Any
@@ -71,22 +76,24 @@ class StepOutput(NamedTuple):
 
 
 _key_programs: dict[Any, Any] = {}
-"""What was compiled of :func:`_key_data`, by the kind of the run's key."""
+"""Compiled programs of :func:`_key_data`, by the kind of the run's key."""
 
 
 def _keys_of_frames(rng_key: Array, start: int) -> FrameKeys:
-    """Data of the keys of _LONG frames, on the host."""
+    """Data of the keys of _KEYS frames, on the host."""
     given = rng_key, np.int32(start)
     kind = abstract_signature(given)
     if kind not in _key_programs:
-        _key_programs[kind] = compile_to_run_once(jit(_key_data).lower(*given), 1, 1)
+        stored = key_of(given, _key_data)
+        made = recalled(stored, f"keys of {_KEYS}", lambda: compile_to_run_once(jit(_key_data).lower(*given), 1, 1))
+        _key_programs[kind] = made
     keys: FrameKeys = jax.tree.map(np.asarray, _key_programs[kind](*given))
     return keys
 
 
 def _key_data(rng_key: Array, start: Any) -> FrameKeys:
-    """Data of the keys of _LONG frames."""
-    keys: FrameKeys = jax.vmap(frame_keys, (None, 0))(rng_key, start + jnp.arange(_LONG, dtype=jnp.int32))
+    """Data of the keys of _KEYS frames."""
+    keys: FrameKeys = jax.vmap(frame_keys, (None, 0))(rng_key, start + jnp.arange(_KEYS, dtype=jnp.int32))
     data: FrameKeys = jax.tree.map(jax.random.key_data, keys)
     return data
 
@@ -111,14 +118,14 @@ def collect_kept(filter: Filter, collect: Collect, keep: bool, lean: bool = Fals
         history = history_of_frame(filter, state, info) if keep else None
         moments = gaussian.keep(state, inputs) if gaussian else None
         outputs = moments or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
-        told = collect_info(rng_key, state, info, inputs)
-        return StepOutput(outputs, told, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
+        collected = collect_info(rng_key, state, info, inputs)
+        return StepOutput(outputs, collected, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
 
     return collect_all
 
 
 def with_draws(collect: Collect, kept: StepOutput, key: NDArray[np.uint32], start: int = 0) -> StepOutput:
-    """What was kept of frames from `start` on, with draws in place of Gaussians; the key's data as of one run or of series."""
+    """Outputs of frames from `start` on, with draws in place of Gaussians; the key's data are those of one run or of series."""
     gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
     if gaussian is None or not isinstance(kept.outputs, GaussianFrames):
         return kept
@@ -179,7 +186,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         return state, kept._replace(prediction=prediction)
 
     def scan_frames(rng_key: Array, start: Start, frames: Frame, count: Array, constant: list[Any]) -> tuple[Any, StepOutput]:
-        """Frames of which the first `count` count. Where the first one is among them, `start` is that of `init`."""
+        """Run the first `count` of the frames. If the sequence's first frame is among them, `start` is that of `init`."""
 
         def advance_one(row: Array, before: tuple[Any, StepOutput]) -> tuple[Any, StepOutput]:
             state, kept = before
@@ -200,7 +207,7 @@ class CompiledRun:
 
     Args:
         filter: The filter.
-        collect: What is kept of a frame.
+        collect: Collector of each frame.
         predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
@@ -208,10 +215,10 @@ class CompiledRun:
 
     Attributes:
         filter: The filter.
-        history_bytes: What the whole history takes.
+        history_bytes: Size of the whole history in bytes.
         keeps_history: Whether it is kept.
         state: A state of the right shapes; nothing is compiled for it.
-        blank: What is kept of a frame, of the right shapes.
+        blank: Output of the collector for one frame, of the right shapes.
     """
 
     def __init__(
@@ -226,9 +233,10 @@ class CompiledRun:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._collect = collect
         self._keys: Any = None
-        self._keys_from = -_LONG
+        self._keys_from = -_KEYS
         self._starting = _start_program(filter, sequence.layout)
-        start = self._starting.eval_shape(*self._first_data())
+        self._key = key_of(self._first_data(), filter, collect, predict, sequence.layout)
+        start = recalled(self._key, "shapes", lambda: self._starting.eval_shape(*self._first_data()))
         self.history_bytes = bytes_of_frame(filter, start.state) * sequence.num_frames
         self.keeps_history = 0 < self.history_bytes <= history_bytes
         self._programs: _Programs = _programs(filter, collect, predict, sequence.layout, self.keeps_history)
@@ -274,17 +282,19 @@ class CompiledRun:
         return state, with_draws(self._collect, joined(kept), key_data(self._rng_key), start)
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
-        """What an earlier run on data of the same kind made, or what is made now."""
+        """Get what an earlier run made on data of the same kind, or make it now."""
         if name not in self._made:
-            self._made[name] = make()
+            self._made[name] = recalled(self._key, f"{name}, {'with' if self.keeps_history else 'no'} history", make)
         return self._made[name]
 
     def _compiled_start(self) -> Any:
-        lowered = self._starting.lower(*self._first_data())
+        with _TRACING:
+            lowered = self._starting.lower(*self._first_data())
         return compile_to_run_once(lowered, *_sizes(self.state))
 
     def _compiled_scan(self) -> Any:
-        lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
+        with _TRACING:
+            lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
         return compile_lowered(lowered, *_sizes(self.state))
 
     def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput]:
@@ -300,7 +310,7 @@ class CompiledRun:
 
     def _frames(self, start: int, length: int) -> Frame:
         """Frames from `start` on with their keys, which are made for more at once."""
-        if not self._keys_from <= start <= self._keys_from + _LONG - length:
+        if not self._keys_from <= start <= self._keys_from + _KEYS - length:
             self._keys = _keys_of_frames(self._rng_key, start)
             self._keys_from = start
         begin = start - self._keys_from
@@ -322,13 +332,13 @@ def _sizes(state: Any) -> tuple[int, int]:
 
 
 def joined(parts: list[StepOutput]) -> StepOutput:
-    """What was kept of frames that follow each other."""
+    """Join the outputs of consecutive frames."""
     whole: StepOutput = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     return whole
 
 
 def abstract_signature(data: Any) -> Any:
-    """What programs are compiled for: structure, shapes, types and places of the data, and type and place of new numbers."""
+    """Key of compiled programs: structure, shapes, types and devices of the data, and type and device of new numbers."""
     leaves, structure = jax.tree.flatten(data)
     new = jax.device_put(np.zeros(()))
     return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))

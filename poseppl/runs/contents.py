@@ -1,4 +1,4 @@
-"""What a result holds, as plain arrays and names, where it may lack a group, a variable or a dimension.
+"""Contents of a result as plain arrays and names, where it may lack a group, a variable or a dimension.
 
 >>> tree = xr.DataTree.from_dict({FLAT: xr.Dataset({"state": ("state_dim", np.zeros(2))}, coords={"state_dim": ["x", "y"]})})
 >>> names_of(tree, "state_dim"), variable(tree, "truth", "state"), arrays_of(tree, "inputs")

@@ -43,7 +43,7 @@ class Run(NamedTuple):
     """Result of a run, as NumPy arrays.
 
     Attributes:
-        outputs: What `collect` kept, with a leading T.
+        outputs: Output of `collect`, with a leading T.
         info: Diagnosis, with a leading T; ``ancestors`` are left out.
         unique_ancestors: (T,) how many particles of the frame before have offspring.
         state: The filter's state after the last frame.
@@ -51,10 +51,10 @@ class Run(NamedTuple):
         compile_seconds: Time to trace and compile.
         wall_seconds: Time of the frames themselves.
         resumed: How many frames came from a checkpoint.
-        method: What the filter says of itself, by name, for the result.
+        method: Properties that the filter declares, by name, for the result.
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
-        history: What smoothers need of the filter, see :mod:`poseppl.runs.filter_history`; None where it is not kept.
-        warnings: What the user was warned of, but for the frames in ``failed``.
+        history: Record of the filter for smoothers, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
+        warnings: Warnings of the run, except those for the frames in ``failed``.
         cpu_seconds: Processor time of the frames themselves, of all threads of the process.
     """
 
@@ -79,8 +79,8 @@ class FilterRun:
     Args:
         calls: The compiled calls and their data.
         numbers: Numbers of the frames, for messages.
-        on_failure: What to do at a frame of impossible data.
-        note: Who is told of what the user should know.
+        on_failure: Action at a frame of impossible data.
+        note: Receives messages for the user.
         started: When the run began, by :func:`time.perf_counter`.
 
     Attributes:
@@ -113,9 +113,8 @@ class FilterRun:
         """Go on up to `stop`: the filter's state there, and what is kept of the frames.
 
         Frames whose state is not finite are computed twice.
-        The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU
-        were seen to differ from call to call (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so
-        again.
+        The same program gives the same numbers, except for faults of the machine and of XLA. Some of XLA's programs on the CPU
+        differ from call to call (https://github.com/jax-ml/jax/issues/39741). A model that is itself at fault fails again.
 
         Raises:
             RunError: As :meth:`take`.
@@ -125,8 +124,8 @@ class FilterRun:
         if not np.all(kept.finite):
             state, kept = self._calls.advance(self._state, start, stop)
             if np.all(kept.finite):
-                told = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
-                self.warn(f"{told}; going on")
+                where = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
+                self.warn(f"{where}; going on")
         self.take(state, kept)
         return state, kept
 
@@ -185,13 +184,13 @@ class FilterRun:
         seconds = self._compiled - self._started, time.perf_counter() - self._compiled
         whole = joined(kept)
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
-        told = (*seconds, self.resumed, self._method(whole.info, state))
+        timing = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
-        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history
+        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *timing, whole.prediction, whole.history
         return Run(*parts, tuple(self._warnings), time.process_time() - self._processor)
 
     def _method(self, info: FilterInfo, state: Any) -> Mapping[str, Any]:
-        """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
+        """Properties that the filter declares; if its particles miss the posterior, also filters that suit its model."""
         filter = self._calls.filter
         weighted = state.log_weights.ndim == 1 and not filter.closed_form
         few = weighted and bool((np.asarray(info.ess) < FEW).any())
@@ -209,8 +208,8 @@ def _collapse(run: Run, numbers: Sequence[int]) -> str | None:
         return None
     others = f" and {low.size - 1} other frames" if low.size > 1 else ""
     return (
-        f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
-        "rests on one particle (take more, or a filter that looks at the data first)"
+        f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; the filter's result "
+        "depends on one particle (use more particles, or a filter that uses the data in its proposal)"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a filter leaves for smoothers and forecasts: of each frame its weighted particles, or its Gaussian.
+"""Record of a filter for smoothers and forecasts: the weighted particles of each frame, or its Gaussian.
 
 A result keeps a few hundred draws of each frame. They were resampled frame by frame, so no draw descends from one of the frame
 before. A smoother that looks for such a pair finds none where the transition has no noise. So a result also keeps
@@ -41,7 +41,7 @@ class ParticleHistory(NamedTuple):
 
 
 def history_of_frame(filter: Filter, state: FilterState, info: FilterInfo) -> ParticleHistory | Gaussian | None:
-    """What is kept of one frame; None of a filter of chains."""
+    """Record of one frame; None for a filter of chains."""
     if state.log_weights.ndim != 1:
         return None
     gaussian = getattr(state, "posterior", None)
@@ -60,8 +60,8 @@ def bytes_of_frame(filter: Filter, state: Any) -> int:
     """Bytes of :func:`history_of_frame`, from a state or its shapes."""
     if state.log_weights.ndim != 1:
         return 0
-    gaussian = getattr(state, "posterior", None)
-    if isinstance(gaussian, Gaussian | RootGaussian):
+    gaussian = getattr(state, "joint", None)
+    if gaussian is not None:
         return int((gaussian.mean.shape[0] + 1) * gaussian.mean.size * gaussian.mean.dtype.itemsize)
     number, dimension = state.particles.shape
     return int(number * ((dimension + 1) * state.particles.dtype.itemsize + 4 * filter.genealogy))
@@ -80,6 +80,6 @@ def history_variables(history: ParticleHistory | Gaussian | None) -> dict[str, A
 def no_room(needed: float, room: float) -> str:
     """Say that a history, which needs so many MiB, is not kept."""
     return (
-        f"the filter's history needs {needed:,.0f} MiB, and has room for {room:,g}: it is not kept, and smoothers start "
+        f"the filter's history needs {needed:,.0f} MiB, but its limit is {room:,g}: it is not kept, and smoothers start "
         f"from the draws of the result (give more room with history_mib={math.ceil(needed)}, or run fewer particles)"
     )

@@ -29,10 +29,11 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import tree_index
-from poseppl.program import CompiledModel
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_data import EarlierDataModel, WithEarlier
+from poseppl.program.earlier_inputs import at_frame, following, window_after
 from poseppl.program.large_integers import check_exact
-from poseppl.program.population import propagate
-from poseppl.runs.contents import HISTORY, check_coordinates, flat_draws, frame_numbers, group_of, names_of_result
+from poseppl.runs.contents import HISTORY, arrays_of, check_coordinates, flat_draws, frame_numbers, group_of, names_of_result
 from poseppl.runs.frame_sequence import stacked_inputs
 from poseppl.runs.labels import coordinates, labelled
 from poseppl.runs.results import encoded, provenance
@@ -84,7 +85,9 @@ def forecast(
         check_at_least(1, num_draws=num_draws)
     draws = _draws(result, num_draws, jax.random.fold_in(rng_key, _START))[:, :, last]
     keys = jax.random.split(rng_key, horizon)
-    sites, data, largest = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
+    rows = stacked_inputs(inputs, horizon)
+    before = _before(result, model, last, None, tree_index(rows, 0))
+    sites, data, largest = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), rows, before)
     check_exact(model.sites, largest)
     step = int(numbers[last] - numbers[last - 1]) if last else 1
     frames = numbers[last] + step * np.arange(1, horizon + 1)
@@ -131,9 +134,12 @@ def hindcast(
     starts = len(numbers) - horizon
     chosen = np.moveaxis(_draws(result, num_draws, jax.random.fold_in(rng_key, _START)), 2, 0)[:starts]
     ahead = np.arange(starts)[:, None] + np.arange(1, horizon + 1)
-    windows = tree_index(stacked_inputs(inputs, len(numbers)), ahead)
+    rows = stacked_inputs(inputs, len(numbers))
+    windows = tree_index(rows, ahead)
+    given = [_before(result, model, start, tree_index(rows, start), None) for start in range(starts)]
+    before = jax.tree.map(lambda *leaves: jnp.stack(leaves), *given)
     keys = jax.random.split(rng_key, (starts, horizon))
-    data = _from_all(model, keys, chosen.reshape(starts, -1, chosen.shape[-1]), windows)
+    data = _from_all(model, keys, chosen.reshape(starts, -1, chosen.shape[-1]), windows, before)
     variables = {}
     for name, values in data.items():
         array = np.moveaxis(np.asarray(values), 2, 0).reshape(chosen.shape[1], num_draws, starts, horizon, *values.shape[3:])
@@ -154,10 +160,39 @@ def _draws(result: xr.DataTree, number: int | None, rng_key: Array) -> NDArray[A
 
 
 @partial(jit, static_argnums=0)
-def _from_all(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> dict[str, Array]:
+def _from_all(model: CompiledModel, keys: Array, draws: Array, inputs: Any, before: Any) -> dict[str, Array]:
     """Data (starts, H, N, ...) after states (starts, N, d)."""
-    found: dict[str, Array] = jax.lax.map(lambda row: _go_on(model, *row)[1], (keys, draws, inputs))
+    found: dict[str, Array] = jax.lax.map(lambda row: _go_on(model, *row)[1], (keys, draws, inputs, before))
     return found
+
+
+def _before(result: xr.DataTree, model: CompiledModel, frame: int, inputs: Any, later: Any) -> WithEarlier | None:
+    """Earlier data that the frame after one of a result needs; None for models that read no earlier data.
+
+    Args:
+        result: The result.
+        model: Its model.
+        frame: Index of the frame.
+        inputs: Inputs of that frame; None if they are unknown.
+        later: Those of the next one, which stand in where the frame's own are not read.
+
+    Raises:
+        InputError: A datum is missing that a later frame reads, and is not imputed, or not without the frame's inputs.
+    """
+    if not isinstance(model, EarlierDataModel):
+        return None
+    held = arrays_of(result, "observed_data")
+    window = window_after(model, model.observe({name: held[name] for name in model.observation_sites}), frame)
+    missing = [name for name, seen in window.seen.items() if not np.all(seen[-1])]
+    if missing and inputs is None and jax.tree.leaves(later):
+        raise InputError(
+            f"the data of frame {frame_numbers(result)[frame]} are missing, and depend on its inputs, which a forecast lacks",
+            field=missing[0],
+            expected="a start at a frame with data (start=), and the inputs from there on",
+        )
+    before = WithEarlier(None, window, (later if inputs is None else inputs) if model.impute else None)
+    at_frame(model, None, before)  # which refuses what is missing and not imputed
+    return before
 
 
 def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None) -> int:
@@ -178,19 +213,30 @@ def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None
 
 
 @partial(jit, static_argnums=0)
-def _go_on(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> tuple[dict[str, Array], dict[str, Array], Array]:
+def _go_on(
+    model: CompiledModel, keys: Array, draws: Array, inputs: Any, before: WithEarlier | None
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Sites with extras, and data, each (H, N, ...), after states (N, d), and the largest sizes of these (N, d)."""
     number = draws.shape[0]
 
-    def advance(carried: tuple[Array, Array], row: Any) -> tuple[tuple[Array, Array], Any]:
-        (states, largest), (key, frame) = carried, row
+    def advance(carried: Any, row: Any) -> Any:
+        (states, before, largest), (key, frame) = carried, row
         key_move, key_data = jax.random.split(key)
-        states = propagate(model, jax.random.split(key_move, number), states, frame)
-        data = jax.vmap(lambda key, x: model.sample_observation(key, x, frame))(jax.random.split(key_data, number), states)
-        largest = jnp.maximum(largest, jnp.abs(states))
-        return (states, largest), (jax.vmap(lambda x: {**model.extras(x, frame), **model.to_sites(x, frame)})(states), data)
 
-    (_, largest), (sites, data) = jax.lax.scan(advance, (draws, jnp.abs(draws)), (keys, inputs))
+        def of_draw(key_move: Array, key_data: Array, x: Array, before: Any) -> Any:
+            given = at_frame(model, frame, before)
+            x = model.sample_transition(key_move, x, given)
+            values = model.sample_observation(key_data, x, given)
+            seen = {name: jnp.ones(value.shape, bool) for name, value in values.items()}
+            sites = {**model.extras(x, given), **model.to_sites(x, given)}
+            return x, following(model, given, Observation(values, seen)), sites, values
+
+        keys = jax.random.split(key_move, number), jax.random.split(key_data, number)
+        states, before, sites, data = jax.vmap(of_draw)(keys[0], keys[1], states, before)
+        return (states, before, jnp.maximum(largest, jnp.abs(states))), (sites, data)
+
+    of_draws = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (number, *jnp.shape(leaf))), before)
+    (_, _, largest), (sites, data) = jax.lax.scan(advance, (draws, of_draws, jnp.abs(draws)), (keys, inputs))
     return sites, data, largest
 
 

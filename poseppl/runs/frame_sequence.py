@@ -48,7 +48,7 @@ class FrameSequence(NamedTuple):
 
     Attributes:
         observations: Data of the frames that are held.
-        layout: Where the inputs go.
+        layout: Devices of the inputs.
         varying: Inputs that change, of the frames that are held.
         constant: Those that do not.
         num_frames: How many frames are held.

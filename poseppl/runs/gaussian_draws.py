@@ -1,4 +1,4 @@
-"""What a collector keeps of frames whose posterior is one Gaussian: its moments from the compiled program, the rest by NumPy.
+"""Collector outputs of frames whose posterior is one Gaussian: moments from the compiled program, the rest by NumPy.
 
 If the model has no extras and its sites are the flat state itself, draws and summaries are formulas of a mean and a root of
 the covariance. NumPy computes them, so that no program is compiled for them. The noise of frame t depends on the
@@ -76,7 +76,7 @@ class GaussianCollector(NamedTuple):
         return plain and not jax.eval_shape(self.extras, jnp.zeros(self.model.dimension), inputs)
 
     def keep(self, state: Any, inputs: Any) -> GaussianFrames | None:
-        """What the compiled program keeps of a frame; None of what is more than a Gaussian."""
+        """Output of the compiled program for a frame; None if its posterior is not one Gaussian."""
         posterior = getattr(state, "posterior", None)
         if not isinstance(posterior, Gaussian | RootGaussian) or not self.serves(inputs):
             return None

@@ -28,6 +28,7 @@ from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import FLAT, arrays_of
 from poseppl.runs.filter_history import HISTORY_MIB
+from poseppl.runs.fitted_params import with_checked_params
 from poseppl.runs.frame_gaps import (
     Gaps,
     data_of_all_frames,
@@ -56,6 +57,7 @@ def infer(
     rng_key: Array,
     inputs: Any = None,
     *,
+    params: Mapping[str, Any] | xr.DataTree | None = None,
     collect: Collect | None = None,
     predict: Predict | None = None,
     truth: ArrayLike | None = None,
@@ -78,16 +80,17 @@ def infer(
         rng_key: PRNG key; the same key gives the same result.
         inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None where the model
             takes none.
-        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 200 draws and summaries of all if
-            None.
+        params: Params by name, or a fit (:func:`poseppl.fit`), for a builder; None where the model has its own, or none.
+        collect: Collector of each frame, from :func:`~poseppl.runs.collectors.collect_draws`. None keeps 200 draws and
+            summaries of all.
         predict: Predictive checks, of :func:`~poseppl.runs.predictive.predictive_checks`.
         truth: The true flat states (T, d), where known.
         frames: Frame numbers (T,), whole and increasing; 0, 1, ... if None.
         rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
-        progress: Who is warned how the run goes.
-        checkpoint: Where the run is saved, and resumed from.
-        on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+        progress: Callback for the progress of the run.
+        checkpoint: Folder to which the run is saved, and from which it is resumed.
+        on_failure: Action at a frame with zero likelihood: "continue" from its prediction, or "stop".
         history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
             keeps none, and says so: smoothers then start from the draws.
         fill_gaps: Whether to insert frames without data where `frames` has gaps. Their inputs repeat the frame before
@@ -101,13 +104,15 @@ def infer(
         InputError: The truth or the frame numbers do not fit, or a gap is too long to be filled.
         RunError: The run cannot go on.
     """
+    _check_compiled(model)
+    model = model if params is None else with_checked_params(model, params)
     built = filter_of(filter, model)
     observations = model.observe(data)
-    _check_labels(model, observations, truth, frames)
+    check_labels(model, observations, truth, frames)
     gaps, note = Gaps([] if frames is None else frames), progress.note if progress else _LOGGER.warning
     warnings = () if fill_gaps else tell_gaps(gaps, note)
     if gaps and fill_gaps:
-        observations, inputs, truth = _filled(model, gaps, observations, inputs, truth, note)
+        observations, inputs, truth = fill_frames(model, gaps, observations, inputs, truth, note)
         frames = gaps.numbers
     run = run_filter(
         built,
@@ -145,15 +150,15 @@ def smooth(
         rng_key: PRNG key; the same key gives the same result.
         inputs: The filter's inputs.
         data: The filter's data; those that the result holds if None. A history holds none.
-        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; as in :func:`infer` if None.
+        collect: Collector of each frame, from :func:`~poseppl.runs.collectors.collect_draws`; as in :func:`infer` if None.
         attrs: Provenance: anything that JSON can hold; that of the result is kept.
 
     Returns:
         The smoothed result, with truth, frames and rate of the filtered one.
 
     Raises:
-        ValueError: The smoother does not know its model, the data of a history are missing, the result is smoothed already or
-            one of another model or of other params, or data or inputs do not fit.
+        ValueError: The smoother does not know its model, the data of a history are missing, or the result is already smoothed.
+            Also a result of another model or of other params, or data or inputs that do not fit.
         SmoothingError: The smoothed states are not finite.
     """
     check_key(rng_key)
@@ -166,17 +171,17 @@ def smooth(
     given = held if data is None else data
     if not given:
         raise ValueError(
-            "There are no data to smooth with: a history holds none. Give those that the filter saw, smooth(..., data=data)."
+            "There are no data to smooth: a history contains none. Pass the filter's data, smooth(..., data=data)."
         )
     observations = model.observe(given)
     collect = collect_draws(model) if collect is None else collect
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
     if smoother.reweighs and isinstance(filtered, xr.DataTree) and set(model.finite_values) == set(model.sites):
         run = run._replace(method={**run.method, "closed form": provenance(filtered).get("closed form", False)})
-    told = {"smoother": _name(smoother), **(attrs or {})}
+    attributes = {"smoother": _name(smoother), **(attrs or {})}
     if isinstance(filtered, History):
-        return result_of_run(run, model, observations, attrs=told)
-    return smoothed_result(run, filtered, told, observations)
+        return result_of_run(run, model, observations, attrs=attributes)
+    return smoothed_result(run, filtered, attributes, observations)
 
 
 def _check_compiled(model: Any) -> None:
@@ -186,7 +191,7 @@ def _check_compiled(model: Any) -> None:
         raise ValueError(f"The model is a {type(model).__name__}. Expected what StateSpaceModel.compile returns.")
 
 
-def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayLike | None, frames: ArrayLike | None) -> None:
+def check_labels(model: CompiledModel, observations: Observation, truth: ArrayLike | None, frames: ArrayLike | None) -> None:
     """Refuse a truth or frame numbers that are not those of T frames, before anything is computed."""
     number = max((len(leaf) for leaf in observations.values.values() if np.ndim(leaf)), default=None)
     if truth is not None and number is not None and np.shape(truth) != (number, model.dimension):
@@ -201,7 +206,7 @@ def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayL
         raise InputError(f"{len(given)} numbers from {given.min()} to {given.max()}", field="frames", expected=expected)
 
 
-def _filled(
+def fill_frames(
     model: CompiledModel,
     gaps: Gaps,
     observations: Observation,
@@ -243,7 +248,7 @@ def _read(result: Any, smoother: Smoother, rng_key: Array) -> tuple[History, dic
     """The history of a result, and its data by name."""
     if not isinstance(result, xr.DataTree) or FLAT not in result.children:
         raise ValueError(
-            f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
+            f"The result of the filter is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
     assert smoother.model is not None

@@ -103,6 +103,6 @@ def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: xr.
             raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
     taken = {dim for dims, _ in data.values() for dim in dims}
     used = [dim for dim in sizes if dim in taken]
-    # with the indexes that there are, which xarray would make anew for each group
+    # with the existing indexes, which xarray would create again for each group
     coords = xr.Coordinates({dim: known_variables[dim] for dim in used}, {dim: known.xindexes[dim] for dim in used})
     return xr.Dataset({name: xr.Variable(dims, values, fastpath=True) for name, (dims, values) in data.items()}, coords)

@@ -62,6 +62,7 @@ from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation
+from poseppl.runs.fitted_params import with_checked_params
 from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
 
@@ -81,7 +82,7 @@ def log_likelihood(
         data: An Observation with a leading T, or arrays by site, NaN where nothing was seen.
         filter: `model -> filter`: a builder such as `poseppl.kalman_filter`, or
             `lambda model: poseppl.particle_filter(model, 500)`.
-        rng_key: What the filter draws from; one and the same if None, so that the value is a function of params.
+        rng_key: PRNG key of the filter; always the same one if None, so that the value is a function of params.
         inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.frame_sequence.Constant`; None where
             the model takes none.
 
@@ -95,7 +96,7 @@ def log_likelihood(
             evidence.
     """
     observations = model.observe(data)
-    bound = model if params is None else _with_params(model, params)
+    bound = model if params is None else with_checked_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key
     check_key(key)
     built = filter_for(bound, filter)
@@ -115,13 +116,3 @@ def _no_gradient(primals: Any, tangents: Any) -> Any:
         field="filter",
         expected="a Kalman, particle, guided or Rao-Blackwellised filter for gradients, or pmmh, which needs none",
     )
-
-
-def _with_params(model: CompiledModel, params: Mapping[str, Any]) -> CompiledModel:
-    if model.programs.parameters is not None:
-        known = list(jax.eval_shape(model.sample_parameters, jax.random.key(0)))
-        if set(params) != set(known):
-            raise InputError(f"params are {sorted(params)}", expected=f"those of the parameters program, {sorted(known)}")
-    elif isinstance(model.params, Mapping) and set(params) != set(model.params):
-        raise InputError(f"params are {sorted(params)}", expected=f"those that the model has, {sorted(model.params)}")
-    return model.with_params(params)

@@ -20,6 +20,8 @@ from poseppl.compilation import jit
 from poseppl.filters.base import Filter, FilterInfo
 from poseppl.filters.scan import frame_keys
 from poseppl.program import Observation
+from poseppl.program.earlier_data import WithEarlier
+from poseppl.program.earlier_inputs import at_frame, following
 from poseppl.program.explanation import check_inputs
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import check_frame_shapes, check_is_observation
@@ -46,6 +48,7 @@ class Online:
         self._init, self._step = _programs(filter)
         self.frame = 0
         self.state: Any = None
+        self._before: WithEarlier | None = None
 
     def update(self, observation: Observation | Mapping[str, ArrayLike], inputs: Any = None) -> tuple[Any, FilterInfo]:
         """Take the next frame.
@@ -55,7 +58,7 @@ class Online:
             inputs: Inputs of the frame.
 
         Returns:
-            The new state and the diagnosis; a failed frame is told by ``info.failed``.
+            The new state and the diagnosis; ``info.failed`` marks a failed frame.
 
         Raises:
             ValueError: The data are not one frame of the model's, or the inputs are not those that it was compiled for.
@@ -71,6 +74,7 @@ class Online:
             new, info, finite = call(observation, inputs)
             if finite:
                 self.state, self.frame = new, self.frame + 1
+                self._before = following(self._filter.model, inputs, observation)
                 return new, info
         raise RunError(breakdown_message(self.frame, new, self._filter.model), self.frame)
 
@@ -80,7 +84,7 @@ class Online:
         if model is not None and isinstance(observation, Mapping):
             observation = model.observe(observation)
         check_is_observation(observation)
-        inputs = jax.tree.map(device_array, inputs)
+        inputs = jax.tree.map(device_array, at_frame(model, inputs, self._before))
         if model is None:
             return observation, inputs
         check_frame_shapes(model.observation_sites, observation)

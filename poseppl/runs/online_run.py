@@ -20,12 +20,15 @@ from jax import Array
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.filters.scan import Collect
+from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
+from poseppl.program.earlier_data import EarlierDataModel, WithEarlier
+from poseppl.program.earlier_inputs import following, with_earlier_data
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.compiled_scan import CompiledRun, StepOutput
 from poseppl.runs.course import FilterRun, OnFailure, Run
-from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
+from poseppl.runs.frame_sequence import FrameSequence, frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
 
 
@@ -37,10 +40,10 @@ class OnlineRun:
         rng_key: PRNG key; the same key gives the same result.
         observations: Data of the first frames, with a leading T.
         inputs: Inputs, as :func:`poseppl.runs.run.run_filter` takes them; constant ones are those of all frames.
-        collect: What is kept of a frame.
+        collect: Collector of each frame.
         predict: Predictive checks of each frame's data.
-        on_failure: What to do at a frame of impossible data.
-        note: Who is told of what the user should know.
+        on_failure: Action at a frame with zero likelihood.
+        note: Receives messages for the user.
         frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
 
     Raises:
@@ -64,6 +67,7 @@ class OnlineRun:
         started = time.perf_counter()
         self._filter = filter
         self._numbers: list[int] = []
+        self._before: WithEarlier | None = None
         sequence = self._sequence(observations, inputs)
         self._calls = CompiledRun(filter, collect, predict, sequence, rng_key)
         self._course = FilterRun(self._calls, self._numbers, on_failure, note, started)
@@ -71,7 +75,7 @@ class OnlineRun:
         self._course.compile(resumed=0)
         self._seconds = self._processor = 0.0
         self.first = self._advance(sequence, frame_numbers)
-        """What was kept of the first frames."""
+        """Outputs of the first frames."""
 
     def add(self, observations: Observation, inputs: Any = None, frame_numbers: Sequence[int] | None = None) -> StepOutput:
         """Take more frames; what is kept of them.
@@ -89,9 +93,14 @@ class OnlineRun:
         return self._course.finish()._replace(wall_seconds=self._seconds, cpu_seconds=self._processor)
 
     def _sequence(self, observations: Observation, inputs: Any) -> FrameSequence:
-        sequence = frame_sequence(observations, inputs, None)
-        if self._filter.model is not None:
-            check_frame_shapes(self._filter.model.observation_sites, sequence.observations, sequence.num_frames)
+        model = self._filter.model
+        given = with_earlier_data(model, observations, inputs, self._before)
+        sequence = frame_sequence(observations, given, None)
+        if model is not None:
+            check_frame_shapes(model.observation_sites, sequence.observations, sequence.num_frames)
+        if isinstance(model, EarlierDataModel):
+            last = sequence.num_frames - 1
+            self._before = following(model, frame_inputs(given, last), tree_index(sequence.observations, last))
         return sequence
 
     def _advance(self, sequence: FrameSequence, numbers: Sequence[int] | None) -> StepOutput:

@@ -111,7 +111,8 @@ def smoothed_result(
     """
     parts, known = _parts_of_smoothing(run, arrays_of(filtered, "sample_stats")), provenance(filtered)
     of_filter = {"filter seconds": known.get("wall_seconds"), "filter closed form": known.get("closed form")}
-    told = {**known, **of_filter, **attrs, **parts.pop("attrs")}
+    recorded = {**known, **of_filter, **attrs, **parts.pop("attrs")}
+    fitted = parts.pop("others", {})
     before = xr.Dataset(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
@@ -126,15 +127,15 @@ def smoothed_result(
         **parts,
         names=names_of_result(filtered),
         observed=None if observations is None else _with_nan(observations),
-        others={**{name: group_of(filtered, name) for name in kept}, "filtered": before},
+        others={**fitted, **{name: group_of(filtered, name) for name in kept}, "filtered": before},
         frames=frame_numbers(filtered),
         rate=filtered.attrs.get("rate"),
-        attrs={name: value for name, value in told.items() if value is not None},
+        attrs={name: value for name, value in recorded.items() if value is not None},
     )
 
 
 def history_of_result(tree: xr.DataTree, rng_key: Array, particles: bool = True) -> History:
-    """What smoothers start from: the filter's particles, draws of its Gaussians, or else the draws of the result.
+    """Start of smoothers: the filter's particles, draws of its Gaussians, or else the draws of the result.
 
     Args:
         tree: The result of a filter.
@@ -182,7 +183,12 @@ def _parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) ->
         "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
         "unreachable": run.info.unreachable,
     }
-    return _parts(run, stats, run.num_particles, {"frames_run": num_frames, "divergences": int(run.info.divergences)})
+    parts = _parts(run, stats, run.num_particles, {"frames_run": num_frames, "divergences": int(run.info.divergences)})
+    if run.approximation is None:
+        return parts
+    bound, log_ratios = run.approximation
+    fitted = xr.Dataset({"bound": ("step", bound), "log_ratio": ("trajectory", log_ratios)})
+    return parts | {"others": {"approximation": fitted}}
 
 
 def _parts(
@@ -191,8 +197,8 @@ def _parts(
     outputs = run.outputs
     if not hasattr(outputs, "summary"):
         raise ValueError(
-            f"The collector kept a {type(outputs).__name__} of each frame. Expected draws, which a result is made of: use "
-            "collect_draws, or take the outputs of run_filter as they are."
+            f"The collector kept a {type(outputs).__name__} of each frame. Expected draws for a result: use "
+            "collect_draws, or use the outputs of run_filter directly."
         )
     times = {"wall_seconds": run.wall_seconds, "cpu_seconds": run.cpu_seconds, "compile_seconds": run.compile_seconds}
     return {

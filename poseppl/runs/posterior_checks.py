@@ -1,9 +1,8 @@
 r"""Checks of a smoothed result, which need no truth: its draws against the model that they are said to be draws of.
 
-If model and smoother are right, a smoothed trajectory x and the data z it was smoothed from are together a draw of the model,
-(x, z) ~ p(x, z), as the true trajectory and z are. So whatever holds for states and data that the model itself draws holds for
-smoothed draws and the data that came (Johnson 2007, doi:10.1214/07-BA229; Yuan and Johnson 2012,
-doi:10.1111/j.1541-0420.2011.01668.x):
+If model and smoother are right, a smoothed trajectory x and its data z are together a draw of the model, (x, z) ~ p(x, z), as
+the true trajectory and z are. So smoothed draws and the data satisfy every property of states and data that the model itself
+draws (Johnson 2007, doi:10.1214/07-BA229; Yuan and Johnson 2012, doi:10.1111/j.1541-0420.2011.01668.x):
 
 * data:   E[(z_t - E[z | x_t])^2 / Var[z | x_t]] = 1 for each entry,
 * steps:  E[(x_t - a)^2] = E[(b - a)^2] for each coordinate, a and b being two draws of the transition from x_(t-1), which needs
@@ -29,6 +28,7 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.population import propagate
 from poseppl.runs.contents import arrays_of, flat_draws
 from poseppl.runs.frame_sequence import stacked_inputs
@@ -65,9 +65,9 @@ def check_posterior(
 
     Returns:
         The result with the group ``posterior_checks`` (a shallow copy): ``data_square``, the mean squared residual of a
-        frame's data over what the draws expect of it, and ``data_seen``, the entries that count, (frame,); of draws of whole
-        trajectories ``step_square`` and ``step_expected`` (frame, state_dim), NaN in the first frame. As it is where it has
-        fewer than 8 draws.
+        frame's data over what the draws expect of it, and ``data_seen``, the number of observed entries, (frame,). For draws of
+        whole trajectories also ``step_square`` and ``step_expected`` (frame, state_dim), NaN in the first frame. Without the
+        group if it has fewer than 8 draws.
 
     Raises:
         InputError: The result is not smoothed.
@@ -85,8 +85,8 @@ def check_posterior(
         return result
     number = min(num_draws, draws.shape[1])
     draws = draws[:, np.arange(number) * draws.shape[1] // number]
-    rows = stacked_inputs(inputs, len(draws))
     observations = model.observe(arrays_of(result, "observed_data")) if data is None else data
+    rows = stacked_inputs(with_earlier_data(model, observations, inputs), len(draws))
     key_data, key_steps = jax.random.split(rng_key)
     checks: dict[str, Any] = {}
     if model.why_not_predictive(None if rows is None else tree_index(rows, 0)) is None:

@@ -3,9 +3,10 @@
 ``posterior_predictive``   data drawn given each draw of the posterior, by site, (chain, draw, frame, ...)
 ``log_likelihood``         log p(z | x) of each datum given each draw, (chain, draw, frame, ...); NaN where it is missing
 
-Of a smoothed result, whose draws know all data, leave-one-out cross-validation (``arviz.loo``) is what it is elsewhere: it
-leaves out one datum of all. The draws of a filter's result know the data up to their own frame, so leaving a frame's datum out
-predicts it from those before it. Either is only as good as the importance weights that it reports on.
+For a smoothed result, whose draws condition on all data, leave-one-out cross-validation (``arviz.loo``) has its usual meaning:
+it leaves out one datum of all. Draws of a filter's result condition on the data up to their own frame. So leaving a frame's
+datum out predicts it from those before it. Both are only as good as the importance weights, whose quality ``arviz.loo``
+reports.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from poseppl.checks import check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.runs.contents import arrays_of, flat_draws, group_of
 from poseppl.runs.frame_sequence import stacked_inputs
 from poseppl.runs.model_fingerprint import check_same_model
@@ -32,7 +34,7 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
     """Add ``posterior_predictive`` and ``log_likelihood`` to a result.
 
     Args:
-        result: The result, with its data; left as it is.
+        result: The result, with its data; not modified.
         model: The model that it is one of.
         rng_key: PRNG key.
         inputs: The filter's inputs.
@@ -51,13 +53,14 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
     held = arrays_of(result, "observed_data")
     if not set(model.observation_sites) <= set(held):
         expected = f"the sites {list(model.observation_sites)}"
-        raise InputError("the result does not hold the data", field="observed_data", expected=expected)
+        raise InputError("the result does not contain the data", field="observed_data", expected=expected)
     observations = model.observe({name: held[name] for name in model.observation_sites})
     draws = flat_draws(result).transpose("frame", "chain", "draw", "state_dim").values
     frames, chains, length, dimension = draws.shape
     keys = jax.random.split(rng_key, frames)
     flat = draws.reshape(frames, chains * length, dimension)
-    data, terms = _of_frames(model, keys, flat, observations, stacked_inputs(inputs, frames))
+    rows = stacked_inputs(with_earlier_data(model, observations, inputs), frames)
+    data, terms = _of_frames(model, keys, flat, observations, rows)
     seen, groups = group_of(result, "observed_data"), {}
     for group, values in (("posterior_predictive", data), ("log_likelihood", terms)):
         parts = {name: _labelled(np.asarray(array), chains, seen[name]) for name, array in values.items()}

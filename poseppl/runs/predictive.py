@@ -1,19 +1,19 @@
 r"""Predictive checks, which need no truth: each frame's data against what the filter expected before it saw them.
 
-From the filter's state after frame t - 1, whatever the filter, S independent draws of x_(t-1) are moved by the transition, and
-give S replicates y^(s) of the data of frame t. If the filter's posterior and the model are right, the data z_t and the
-replicates are S + 1 exchangeable draws, so that ranks among them are uniform, exactly and for any S (Dawid 1984,
-doi:10.2307/2981683; for counts randomised, Czado, Gneiting and Held 2009, doi:10.1111/j.1541-0420.2009.01191.x):
+S independent draws of x_(t-1) from the filter's state after frame t - 1 are moved by the transition. They give S replicates
+y^(s) of the data of frame t, for any filter. If the filter's posterior and the model are right, the data z_t and the replicates
+are S + 1 exchangeable draws. Ranks among them are then exactly uniform for any S (Dawid 1984, doi:10.2307/2981683; for counts
+randomised, Czado, Gneiting and Held 2009, doi:10.1111/j.1541-0420.2009.01191.x):
 
 * the probability integral transform of each entry,  u = (#{y < z} + U (#{y = z} + 1)) / (S + 1),  U uniform in (0, 1);
 * the rank of the innovation chi-square  (z - m)' C^-1 (z - m),  with m and C from one half of the replicates, among the others.
 
-Kept are besides the innovation z - m and its expected variance in two parts, that of E[y | x] over the states and the mean of
-Var[y | x]: the first is what the filter claims of the state, and what a calibrated filter's errors bear out
-(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. Of the state itself are kept its predicted moments, what the
-data can take away of its variance, by the scores of the replicates, and the moments of the predicted states weighted by the
-frame's likelihood; with these a filter's posterior has to agree (:mod:`poseppl.diagnostics.unreached`,
-:mod:`poseppl.diagnostics.updates`).
+The result also contains the innovation z - m and its expected variance in two parts: the variance of E[y | x] over the states,
+and the mean of Var[y | x]. The first part is the filter's uncertainty of the state, and agrees with the errors of a calibrated
+filter (:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. For the state itself the result contains its predicted
+moments, and the share of its variance that the data can explain, by the scores of the replicates. It also contains the moments
+of the predicted states weighted by the frame's likelihood. A filter's posterior has to agree with these
+(:mod:`poseppl.diagnostics.unreached`, :mod:`poseppl.diagnostics.updates`).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from poseppl.program.population import draw_initial, log_likelihoods, propagate
 _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
 _MAX_MEMORY = 10
-"""Coordinates of a state up to which its memory is told."""
+"""Largest number of coordinates whose memory is reported."""
 _MAX_TRANSFER = 40
-"""Coordinates of a state up to which it is told, of more than ten by the data's information, what errors hand on."""
+"""Largest number of coordinates for which the transfer of errors is computed; above ten by the data's information."""
 _STRATA = 20
 """Draws that are kept of the weighted states."""
 _RIDGE = 1e-4
@@ -86,9 +86,10 @@ class StatePrediction(NamedTuple):
             is None of more than ten coordinates.
         weighted_covariance: Their covariance (d, d).
         weighted_ess: Their effective number, a scalar.
-        memory: What an error in each coordinate of the frame before makes in each of this one (d, d), after its data.
-        weighted_draws: Of each coordinate twenty stratified draws (20, d) of them, in ascending order.
-        transfer: What `memory` tells, by the data's information at the predicted mean; of 11 to 40 real coordinates.
+        memory: Effect of an error in each coordinate of the previous frame on each coordinate of this one (d, d), after its
+            data.
+        weighted_draws: Twenty stratified draws (20, d) of each coordinate of them, in ascending order.
+        transfer: The same as `memory`, by the data's information at the predicted mean; for 11 to 40 real coordinates.
     """
 
     predicted_mean: Any
@@ -109,7 +110,7 @@ class Prediction(NamedTuple):
 
     Attributes:
         data: Its data against their prediction.
-        state: What was predicted of its state; None if that was not asked for.
+        state: Predictions of its state; None if they were not requested.
     """
 
     data: DataPrediction
@@ -135,7 +136,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
     Args:
         model: The model that the filter was built for.
         num_draws: S, at least 8.
-        of_state: Whether what is told of the state's coordinates is wanted, too.
+        of_state: Whether to include the checks of the state's coordinates.
         of_points: Whether `transfer` is, of which only the verdict on filters that tell their `points` makes use.
 
     Returns:
@@ -174,9 +175,9 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             jnp.var(means, 0, ddof=1),
             jnp.mean(variances, 0),
         )
-        told = found / jnp.mean(others), _rank(whole, others, found), share
+        scores = found / jnp.mean(others), _rank(whole, others, found), share
         transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
-        of_frame = (jnp.where(jnp.any(seen), value, jnp.nan) for value in told)
+        of_frame = (jnp.where(jnp.any(seen), value, jnp.nan) for value in scores)
         of_data = DataPrediction(transform, innovation, state_variance, noise_variance, *of_frame)
         if not of_state:
             return Prediction(of_data)
@@ -209,8 +210,8 @@ def _weighted(previous: Array, states: Array, log_weights: Array, offset: Array)
 
     Moments are without the bias of few weights. Draws are stratified, the `offset` in (0, 1) being the place in a stratum.
 
-    An error e in the state before is one of A e in the prediction, A being the slopes of the states on those before. Of it data
-    leave C P^-1 A e, with the states' covariance P, and C that of the weighted ones.
+    An error e in the state before is one of A e in the prediction, A being the slopes of the states on those before. After the
+    data, C P^-1 A e of it remains, with the states' covariance P, and C that of the weighted ones.
     """
     if states.shape[1] > _MAX_MEMORY:
         return {}
@@ -299,6 +300,6 @@ def _explained(states: Array, scores: Array) -> Array:
 
 
 def _left(states: Array, information: Array) -> Array:
-    """What data of an information J (d, d) leave of errors of states (S, d), were both Gaussian: (I + P J)^-1 (d, d)."""
+    """Share of errors of states (S, d) that remains after data of information J (d, d), both Gaussian: (I + P J)^-1 (d, d)."""
     left: Array = jnp.linalg.inv(jnp.eye(states.shape[1]) + jnp.cov(states.T) @ information)
     return left

@@ -1,4 +1,4 @@
-"""Hints at compilations that would not be needed: functions that are defined anew for every run.
+"""Hints at compilations that would not be needed: functions that are defined again for every run.
 
 JAX cannot know that two functions do the same, and compiles for each. Builders of poseppl return the same object for equal
 settings (:mod:`poseppl.program.memoized_builder`); a lambda in a loop is another object each time, which is said once.
@@ -29,17 +29,17 @@ _told: set[CodeType] = set()
 
 
 def tell_filter_defined_anew(filter: Filter) -> None:
-    """Say once that a filter is compiled for whose functions are those of an earlier one, defined anew."""
+    """Say once that a filter is compiled for whose functions are those of an earlier one, defined again."""
     if isinstance(filter.step, FunctionType) and _is_anew(_ANY, filter.step, also=filter.init):
         _tell(filter.step, "filter", "build it once, outside of the loop, or decorate its builder with memoized_builder")
 
 
 def warn_recompilation(owner: Any, what: str, function: Callable[..., Any] | None) -> None:
-    """Say once that a function is compiled for that is the same as an earlier one, defined anew.
+    """Say once that a function is compiled for that is the same as an earlier one, defined again.
 
     Args:
         owner: The filter or smoother that it is used with.
-        what: What it is, for the message.
+        what: Name of it, for the message.
         function: The function.
     """
     if isinstance(function, FunctionType) and _is_anew(owner, function):

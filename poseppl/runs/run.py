@@ -2,11 +2,11 @@
 
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
 
-A sequence of any length is one compilation of the filter's `init` and one of its `step` with what is kept of a frame, or of the
-latter alone where a filter tells its state before the first frame: frames go through a scan of a fixed length, of which the
-last call, or the calls of a slow filter, use only a part. The key of a frame is folded from its number, so that results depend
-neither on these parts nor on whether the frames came one by one. What is kept of a frame is what `collect` returns for it;
-nothing else grows with the sequence.
+A sequence of any length needs one compilation of the filter's `init` and one of its `step` with the collector. A filter that
+has a state before the first frame needs only the second. Frames go through a scan of a fixed length; the last call, and the
+calls of a slow filter, use only a part of it. The key of a frame is folded from its number, so that results depend neither on
+these parts nor on whether the frames came one by one. A frame leaves what `collect` returns for it; nothing else grows with the
+sequence.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from poseppl.checks import check_at_least, check_key
 from poseppl.filters.base import Filter
 from poseppl.filters.scan import Collect as Collect
 from poseppl.program import Observation
+from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
@@ -43,7 +44,7 @@ _TARGET_CHUNK_SECONDS = 0.25
 
 
 class Progress(Protocol):
-    """Who is told how a run goes."""
+    """Reports how a run goes."""
 
     def advance(self, frames: int) -> None:
         """So many more frames are done."""
@@ -81,14 +82,14 @@ def run_filter(
         num_frames: T; as many as there are data if None.
         chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it. If None, 8
             with a checkpoint, else as many as take about a quarter of a second, from 8 to 64.
-        progress: Who is told.
-        checkpoint: Where the run is saved after each chunk, and resumed from.
-        on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+        progress: Reports the run's progress.
+        checkpoint: Folder to which the run is saved after each chunk, and from which it is resumed.
+        on_failure: Action at a frame with zero likelihood: "continue" from its prediction, or "stop".
         frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
         history_mib: Room for the :mod:`poseppl.runs.filter_history`, MiB; one that needs more is not kept, with a note.
 
     Returns:
-        What was kept, and how it went.
+        The collected outputs, and the record of the run.
 
     Raises:
         ValueError: The data are no Observation, an array does not have T rows, or the inputs are not those that the model was
@@ -97,7 +98,8 @@ def run_filter(
         CheckpointError: The checkpoint belongs to another run, or another process is at it.
     """
     check_key(rng_key)
-    sequence = frame_sequence(observations, inputs, num_frames)
+    given = with_earlier_data(filter.model, observations, inputs)
+    sequence = frame_sequence(observations, given, num_frames)
     num_frames = sequence.num_frames
     if filter.model is not None:
         check_frame_shapes(filter.model.observation_sites, sequence.observations, num_frames)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from inspect import getdoc, signature
+from inspect import Parameter, getdoc, signature
 from math import isfinite
 from types import NoneType, UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -37,7 +37,7 @@ class Setting(NamedTuple):
         kind: Its type: bool, int, float, str, or a ``Literal`` of words.
         optional: Whether it may be None.
         default: Its default.
-        text: What it is, from the docstring.
+        text: Description, from the docstring.
         inside: The argument that it is a field of; None for an argument.
     """
 
@@ -101,7 +101,7 @@ _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 
 
 def settings_of(build: Callable[..., Any]) -> dict[str, Setting]:
-    """The settings of a function whose first argument is a model, by name, in the order of its signature."""
+    """The settings of a function by name, in the order of its signature: arguments without a default are none."""
     return {setting.name: setting for setting in _settings(build)}
 
 
@@ -136,9 +136,11 @@ def _settings(build: Callable[..., Any]) -> Iterator[Setting]:
 
 
 def _defaults(build: Callable[..., Any]) -> dict[str, Any]:
-    """The defaults of all arguments but the model; of a tuple that may be None, the tuple's own."""
+    """The defaults of all arguments that have one; of a tuple that may be None, the tuple's own."""
     hints, found = get_type_hints(build), {}
-    for name, parameter in list(signature(build).parameters.items())[1:]:
+    for name, parameter in signature(build).parameters.items():
+        if parameter.default is Parameter.empty:
+            continue
         kind, _ = _kind(hints[name])
         found[name] = kind() if parameter.default is None and _holds_settings(kind) else parameter.default
     return found

@@ -14,7 +14,9 @@ from jax import Array
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.particles.stacks import tree_index
-from poseppl.program import CompiledModel
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_data import EarlierDataModel
+from poseppl.program.earlier_inputs import at_frame, following
 from poseppl.program.large_integers import check_exact
 from poseppl.runs.frame_sequence import stacked_inputs
 
@@ -53,6 +55,8 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
 
 def draw_sequence(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
     """States (T, d) and data by site (T, ...), from keys (T, 2); pure, to be vmapped and jitted."""
+    if isinstance(model, EarlierDataModel):
+        return _draw_with_data(model, keys, inputs)
     first = model.sample_initial(keys[0, 0], tree_index(inputs, 0))
 
     def advance(x: Array, row: Any) -> tuple[Array, Array]:
@@ -64,6 +68,26 @@ def draw_sequence(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array
     _, rest = jax.lax.scan(advance, first, (keys[1:, 0], later))
     states = jnp.concatenate([first[None], rest])
     return states, jax.vmap(model.sample_observation)(keys[:, 1], states, inputs)
+
+
+def _draw_with_data(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
+    """The same where earlier data are predictors: a frame's data are drawn before the next frame."""
+
+    def observed(key: Array, x: Array, given: Any) -> tuple[Any, tuple[Array, dict[str, Array]]]:
+        values = model.sample_observation(key, x, given)
+        seen = {name: jnp.ones(value.shape, bool) for name, value in values.items()}
+        return (x, following(model, given, Observation(values, seen))), (x, values)
+
+    def advance(carried: Any, row: Any) -> Any:
+        (x, before), (key, frame) = carried, row
+        given = at_frame(model, frame, before)
+        return observed(key[1], model.sample_transition(key[0], x, given), given)
+
+    given = at_frame(model, tree_index(inputs, 0), None)
+    carried, first = observed(keys[0, 1], model.sample_initial(keys[0, 0], given), given)
+    _, rest = jax.lax.scan(advance, carried, (keys[1:], tree_index(inputs, slice(1, None))))
+    drawn: tuple[Array, dict[str, Array]] = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
+    return drawn
 
 
 _draw_sequence = jit(draw_sequence, static_argnums=0)

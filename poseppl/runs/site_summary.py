@@ -1,8 +1,8 @@
 """The state's sites as the programs know them: their values, their moments, and the probabilities of finite ones.
 
-Sites over the real line are parts of the flat state, and so are their summaries. Of a site that takes finitely many values,
-such as the state of a hidden Markov chain, means and quantiles say nothing: it has the probability of each value instead, made
-over all particles or draws with their weights.
+Sites over the real line are parts of the flat state, and so are their summaries. A site that takes finitely many values, such
+as the state of a hidden Markov chain, has the probability of each value instead of a mean and quantiles. It is computed over
+all particles or draws with their weights.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def summary_of_sites(
         ``NAME_probability`` (..., values) of sites of finitely many values; ``NAME_mean``, ``NAME_sd`` and ``NAME_quantile`` of
         the others.
     """
-    told = {f"{name}_probability": found for name, found in site_probabilities(model, states, weights).items()}
+    summaries_of = {f"{name}_probability": found for name, found in site_probabilities(model, states, weights).items()}
     for name, site in model.sites.items():
         if name not in model.finite_values and site.identity and name != "state":
-            told[f"{name}_mean"] = site.unflatten(of_state["state_mean"])
-            told[f"{name}_sd"] = site.unflatten(of_state["state_sd"])
-            told[f"{name}_quantile"] = jax.vmap(site.unflatten)(of_state["state_quantile"])
-    return told
+            summaries_of[f"{name}_mean"] = site.unflatten(of_state["state_mean"])
+            summaries_of[f"{name}_sd"] = site.unflatten(of_state["state_sd"])
+            summaries_of[f"{name}_quantile"] = jax.vmap(site.unflatten)(of_state["state_quantile"])
+    return summaries_of
 
 
 def site_probabilities(model: CompiledModel, states: Array, weights: Array | None = None) -> dict[str, Array]:

@@ -4,7 +4,7 @@
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect_draws(model))
 
 The data of frames that the filter reported as failed are masked, so that a smoother passes over them as over frames without
-data. What is kept is kept by the collectors that :func:`poseppl.runs.run.run_filter` takes.
+data. The collectors are those of :func:`poseppl.runs.run.run_filter`.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import tree_index
 from poseppl.program import Observation
+from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.compiled_scan import abstract_signature, is_finite
@@ -32,7 +33,8 @@ from poseppl.runs.frame_sequence import device_array, frame_sequence
 from poseppl.runs.gaussian_draws import GaussianCollector
 from poseppl.runs.recompilation import warn_recompilation
 from poseppl.runs.run import Collect
-from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
+from poseppl.smoothers.base import Approximation, History, Smoothed, Smoother, SmoothingInfo
+from poseppl.stored_programs import key_of, recalled
 
 _MAX_UNREACHABLE = 0.05
 """Share of a frame's smoothed states above which a smoothing that cannot reach them is refused."""
@@ -46,13 +48,14 @@ class SmoothingRun(NamedTuple):
     """Result of a smoothing, as NumPy arrays.
 
     Attributes:
-        outputs: What `collect` kept of each frame, with a leading T.
+        outputs: Output of `collect` for each frame, with a leading T.
         info: Diagnosis.
         num_particles: N, where a frame is weighted particles or single trajectories; None where it is M chains.
         compile_seconds: Time to trace and compile.
         wall_seconds: Time of the smoothing itself.
-        method: What the smoother says of itself, by name, for the result.
+        method: Properties that the smoother declares, by name, for the result.
         cpu_seconds: Processor time of the smoothing itself, of all threads of the process.
+        approximation: The fit of a smoother that fits a distribution to the posterior.
     """
 
     outputs: Any
@@ -62,6 +65,7 @@ class SmoothingRun(NamedTuple):
     wall_seconds: float
     method: Mapping[str, Any]
     cpu_seconds: float = float("nan")
+    approximation: Approximation | None = None
 
 
 class _Frame(NamedTuple):
@@ -86,10 +90,10 @@ def run_smoother(
     Args:
         smoother: The smoother.
         rng_key: PRNG key; the same key gives the same result.
-        history: What the filter left.
+        history: Record of the filter.
         observations: The data that the filter saw, with a leading T.
         inputs: Its inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`.
-        collect: What is kept of a frame; see :mod:`poseppl.runs.collectors`.
+        collect: Collector of each frame; see :mod:`poseppl.runs.collectors`.
 
     Raises:
         ValueError: The history is no History, the data are no Observation, or an array does not have T rows.
@@ -103,7 +107,7 @@ def run_smoother(
     check_key(rng_key)
     history = jax.tree.map(device_array, history)
     num_frames = history.particles.shape[0]
-    sequence = frame_sequence(observations, inputs, num_frames)
+    sequence = frame_sequence(observations, with_earlier_data(smoother.model, observations, inputs), num_frames)
     whole = sequence.stacked_inputs()
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
@@ -126,7 +130,8 @@ def run_smoother(
         raise SmoothingError(_breakdown(smoother, smoothed))
     info = jax.tree.map(np.asarray, smoothed.info)
     _check_reachable(info.unreachable)
-    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance, spent)
+    fitted = jax.tree.map(np.asarray, getattr(smoothed, "approximation", None))
+    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance, spent, fitted)
 
 
 def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
@@ -168,7 +173,9 @@ def _compiled(smoother: Smoother, passes: bool, *given: Any) -> Any:
     kind = abstract_signature(given)
     if kind not in made:
         particles = given[1].particles[0]
-        made[kind] = compile_smoother(smooth.lower(*given), len(particles), particles.size, smoother.closed_form)
+        sizes = len(particles), particles.size, smoother.closed_form
+        key = key_of(given, smoother, passes)
+        made[kind] = recalled(key, "smoother", lambda: compile_smoother(smooth.lower(*given), *sizes))
     return made[kind]
 
 
@@ -190,7 +197,8 @@ def _collected(smoother: Smoother, collect: Collect, *given: Any) -> tuple[Array
     kind = abstract_signature(given)
     if kind not in made:
         size = given[1].log_weights[0].size
-        made[kind] = compile_smoother(collected.lower(*given), size, size, closed_form=True)
+        key = key_of(given, smoother, collect)
+        made[kind] = recalled(key, "collected", lambda: compile_smoother(collected.lower(*given), size, size, closed_form=True))
     result: tuple[Array, Any] = made[kind](*given)
     return result
 

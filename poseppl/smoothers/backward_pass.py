@@ -68,11 +68,11 @@ def backward_pass(
     frames = Earlier(particles[:-1], log_weights[:-1], *later)
 
     def back(chosen: Array, row: tuple[Array, Earlier]) -> tuple[Array, Any]:
-        earlier, told = step(row[0], chosen, row[1])
-        return earlier, (earlier, told)
+        earlier, outputs = step(row[0], chosen, row[1])
+        return earlier, (earlier, outputs)
 
-    _, (earlier, told) = jax.lax.scan(back, last, (keys, frames), reverse=True)
-    return jnp.concatenate([earlier, last[None]]), told
+    _, (earlier, outputs) = jax.lax.scan(back, last, (keys, frames), reverse=True)
+    return jnp.concatenate([earlier, last[None]]), outputs
 
 
 def log_backward(model: CompiledModel, x: Array, particles: Array, log_weights: Array, inputs: Any) -> tuple[Array, Array]:

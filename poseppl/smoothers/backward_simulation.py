@@ -6,12 +6,11 @@ weights; given its state x_(t+1), particle i of frame t is drawn with probabilit
     w_t^i p(x_(t+1) | x_t^i).
 
 * exact: all N probabilities are made, a tile of trajectories at a time: O(N M) a frame.
-* metropolis: the index starts at the ancestor of the particle of frame t + 1 and makes `num_moves` Metropolis moves, each
-  proposed by the weights w_t, so that it is accepted with probability min(1, p(x_(t+1) | x_t^new) / p(x_(t+1) | x_t^old)):
-  O(M) a frame (Bunch and Godsill 2013, doi:10.1109/TSP.2012.2227480). With a bootstrap filter's ancestors the start is
-  already a draw from the right distribution, and one move is enough for trajectories that do not degenerate (Dau and Chopin
-  2023, doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are
-  needed.
+* metropolis: the index starts at the ancestor of the particle of frame t + 1 and makes `num_moves` Metropolis moves. Each is
+  proposed by the weights w_t and accepted with probability min(1, p(x_(t+1) | x_t^new) / p(x_(t+1) | x_t^old)). This costs O(M)
+  a frame (Bunch and Godsill 2013, doi:10.1109/TSP.2012.2227480). With a bootstrap filter's ancestors the start is already a
+  draw from the right distribution, and one move is enough for trajectories that do not degenerate (Dau and Chopin 2023,
+  doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are needed.
 
 Proposals come from one systematic resampling for all trajectories, shuffled by a permutation that is drawn once, and turned by
 a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all of

@@ -61,6 +61,18 @@ class SmoothingInfo(NamedTuple):
     unreachable: Array
 
 
+class Approximation(NamedTuple):
+    """How near a distribution q that was fitted to the posterior of a trajectory is to it.
+
+    Attributes:
+        bound: Estimates of E_q[log p(x, z) - log q(x)], at most the log-evidence, at each step of the fit (K,).
+        log_ratios: log p(x, z) - log q(x) of the draws (N,); their mean is the bound that was reached.
+    """
+
+    bound: Array
+    log_ratios: Array
+
+
 class Smoothed(NamedTuple):
     """The smoothing distributions of T frames, in the form of a filter's states.
 
@@ -69,12 +81,14 @@ class Smoothed(NamedTuple):
         log_weights: Normalised log-weights (T, N), or zeros (T, M, R).
         info: Diagnosis.
         marginals: Moments of every frame, with a leading T, where the smoother knows them without draws.
+        approximation: The fit, where the draws are of a distribution that was fitted.
     """
 
     particles: Array
     log_weights: Array
     info: SmoothingInfo
     marginals: Marginals | None = None
+    approximation: Approximation | None = None
 
 
 class GaussianPasses(NamedTuple):

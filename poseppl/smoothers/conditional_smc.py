@@ -6,8 +6,8 @@ weights and are moved by the transition; all are weighed by the likelihood. A tr
 the reference's early frames hardly ever change. One of two additions corrects that:
 
 * ancestor sampling (Lindsten, Jordan and Schoen 2014, algorithm 2, https://jmlr.org/papers/v15/lindsten14a.html): at each frame
-  the reference's past is drawn again, with probability proportional to w_(t-1)^i p(x'_t | x_(t-1)^i), and the trajectory is
-  traced back along the ancestors from a particle of the last frame, drawn by its weight;
+  the reference's past is drawn again, with probability proportional to w_(t-1)^i p(x'_t | x_(t-1)^i). The trajectory is traced
+  back along the ancestors from a particle of the last frame, drawn by its weight;
 * backward simulation (Whiteley 2010, in the discussion of Andrieu et al.): the trajectory is drawn from the last frame to the
   first, each state with probability proportional to w_t^i p(x_(t+1) | x_t^i).
 

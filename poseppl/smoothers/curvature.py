@@ -195,13 +195,13 @@ def draws_about(
     mode: Array,
     observations: Observation,
     inputs: Any,
-    told: Callable[[Array], Any],
+    of_draw: Callable[[Array], Any],
 ) -> Any:
     """The output for each of S draws of a trajectory by Laplace's approximation about a mode (T, d), with a leading S."""
     factor = safe_cholesky(trajectory_precisions(model, observations, inputs)(mode))
 
     def draw(key: Array) -> Any:
-        return told(mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype)))
+        return of_draw(mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype)))
 
     return jax.lax.map(draw, jax.random.split(rng_key, num_draws))
 

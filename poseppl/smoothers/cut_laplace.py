@@ -5,11 +5,11 @@ another source. Draws are of
 
     c ~ its prior in the initial program,    x | c, z ~ N(m - R (c - c*), P^-1),    R = P^-1 B,
 
-c* being the prior's mean, m the mode of x there, P the curvature of -log p(x, z) there, block tridiagonal, as in
-:mod:`poseppl.smoothers.laplace`, and B_t the data's cross terms of x_t and c: to first order, intervals of x contain what is
-not known of c. That the data do not change what is known of c cuts the feedback (Plummer 2015, doi:10.1007/s11222-014-9503-z):
-a part of the model that is wrong, such as a body's lengths, does not spoil c. If c was estimated from the same data, as errors
-of cameras are, the data do not count twice.
+c* is the prior's mean, and m the mode of x there. P is the curvature of -log p(x, z) there, block tridiagonal, as in
+:mod:`poseppl.smoothers.laplace`, and B_t the data's cross terms of x_t and c. To first order, intervals of x include the
+uncertainty of c. The data do not change the distribution of c, which cuts the feedback (Plummer 2015,
+doi:10.1007/s11222-014-9503-z): a part of the model that is wrong, such as a body's lengths, does not spoil c. If c was
+estimated from the same data, as errors of cameras are, the data do not count twice.
 
 The step of c in the transition program is not read. It costs p more solves than Laplace's approximation alone, and is exact for
 linear Gaussian models.

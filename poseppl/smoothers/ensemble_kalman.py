@@ -1,7 +1,7 @@
 r"""The ensemble Kalman smoother (Evensen and van Leeuwen 2000, doi:10.1175/1520-0493(2000)128<1852:AEKSFN>2.0.CO;2).
 
-The members of the ensemble Kalman filter (:mod:`poseppl.filters.ensemble_kalman`) are trajectories: what the data of frame t do
-to the members at t they do to the same members at every earlier frame s, by the sampled covariance of x_s with y_t,
+The members of the ensemble Kalman filter (:mod:`poseppl.filters.ensemble_kalman`) are trajectories. The data of frame t update
+the members at t, and also the same members at every earlier frame s, by the sampled covariance of x_s with y_t,
 
     x_s,i + C_(x_s, y_t) g_i.
 

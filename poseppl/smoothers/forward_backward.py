@@ -32,12 +32,14 @@ from poseppl.smoothers.tiles import block_size, check_tile, split_rows, with_den
 
 
 @memoized_builder
-def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
+def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None, parallel: bool = False) -> Smoother:
     """Forward-backward smoothing (FBS): the filter's particles, weighted again by the frames after them.
 
     Args:
         model: The compiled model.
         tile: Rows of the N x N matrix that are in memory at a time; None keeps about a million entries.
+        parallel: Whether frames are smoothed in parallel, by products of N x N matrices, rather than one after the other: for
+            hidden Markov models of few values on a GPU. All matrices are in memory.
 
     Returns:
         The smoother; its particles are the filter's, and only each frame's marginal is known.
@@ -58,6 +60,8 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
+        if parallel:
+            return _smooth_in_parallel(model, history, inputs)
         last = normalise(history.log_weights[-1])
         later = tree_index((history.particles, inputs), slice(1, None))
         frames = (history.particles[:-1], history.log_weights[:-1], *later)
@@ -71,6 +75,33 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
         return Smoothed(history.particles, jnp.concatenate([log_weights, last.log_weights[None]]), info)
 
     return Smoother(smooth, joint=False, reweighs=True)
+
+
+def _smooth_in_parallel(model: CompiledModel, history: History, inputs: Any) -> Smoothed:
+    """The same, w_(t|T) = S_t w_(t+1|T) with S_t[i, j] = w_t^i p(x_(t+1)^j | x_t^i) / sum_k w_t^k p(x_(t+1)^j | x_t^k).
+
+    Columns of S_t have the sum 1, those of particles that come from no earlier one by the filter's weights.
+    """
+    num_frames, num_particles, _ = history.particles.shape
+    last = normalise(history.log_weights[-1])
+
+    def matrix(earlier: Array, log_weights: Array, later: Array, inputs: Any) -> tuple[Array, Array]:
+        terms = log_weights[:, None] + log_transition_matrix(model, later, earlier, inputs).T
+        reached = jnp.isfinite(jnp.max(terms, 0))
+        return jnp.where(reached, jax.nn.softmax(terms, 0), jnp.exp(log_weights)[:, None]), reached
+
+    later = tree_index((history.particles, inputs), slice(1, None))
+    matrices, reached = jax.vmap(matrix)(history.particles[:-1], history.log_weights[:-1], *later)
+    products = jax.lax.associative_scan(lambda later, earlier: earlier @ later, matrices, reverse=True)
+    smoothed = jnp.concatenate([products @ last.weights, last.weights[None]])
+    unreachable = jnp.sum(jnp.where(reached, 0.0, smoothed[1:]), 1)
+    info = smoothing_info(
+        num_frames,
+        1.0 / jnp.sum(smoothed**2, 1),
+        num_transition=float(num_frames - 1) * float(num_particles) ** 2,
+        unreachable=jnp.append(unreachable, 0.0),
+    )
+    return Smoothed(history.particles, jnp.log(smoothed), info)
 
 
 def _support(

@@ -33,11 +33,11 @@ from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, times_pairs
 from poseppl.gaussians.walk_chains import WalkChains, WalkFactor, ar1_chains, conjugate_gradients, walk_factor
 
 _WEIGHTS = (1e-3, 0.03, 0.2)
-"""Of the data in the first steps towards the mode."""
+"""Weights of the data in the first steps towards the mode."""
 _SHORTER, _LONGER = (0.5, 0.2, 0.05, 0.01), (2.0, 4.0, 8.0)
 """Multiples of a step that are tried if it gains less than half of what it promised, and if it gains more."""
 _MUCH = 1.3
-"""As much of what was promised is more."""
+"""A gain is "more" from this multiple of the promised one."""
 _NOTHING = 1e-4
 """Nats a frame that a step has to promise. With less, in a recording of 100 frames the mode is within a seventh of a standard
 deviation, all of it in the direction that is known least."""
@@ -48,7 +48,7 @@ _STALE = 9
 _STEP, _DRAW = 1e-2, 2e-2
 """Residuals of the solutions for steps, which are corrected by later ones, and for draws."""
 _SPREAD_DRAWS = 48
-"""Draws that tell how large errors are expected to be."""
+"""Draws that estimate how large errors are expected to be."""
 _ROOM = 2**27
 """Bytes of the columns that are solved for together."""
 
@@ -67,7 +67,7 @@ class View(Protocol):
 
         Args:
             weight: G (M, T, 2, 2).
-            ratio: Of the errors that last.
+            ratio: Standard deviation of the autocorrelated errors, in units of the data.
         """
 
 
@@ -76,10 +76,10 @@ class SeenWalk(NamedTuple):
 
     Attributes:
         chains: How it walks.
-        kept: What is left of e from the frame before (T,).
-        ratio: Standard deviation of what lasts, in units of the scale of u.
+        kept: Part of e that remains from the previous frame (T,).
+        ratio: Standard deviation of the autocorrelated errors, in units of the scale of u.
         strength: nu.
-        known: Which data there are (M, T).
+        known: Which data are present (M, T).
         residuals: (y - location) / scale of a trajectory (T, n), (M, T, 2), 0 where there are no data.
         view: The data linearised about it.
     """
@@ -112,7 +112,7 @@ class Unchanging(NamedTuple):
 
     Attributes:
         root: Lower triangular (p, p), whose square is their covariance.
-        seen: What data see of each, J_c, (p, M, T, 2) of a slice of them.
+        seen: Derivatives of the data by each, J_c, (p, M, T, 2) for a slice of them.
     """
 
     root: Floats
@@ -125,7 +125,7 @@ class Around(NamedTuple):
     Attributes:
         steps: Draws (T, S, n), less the mode; their mean is 0, as the true one.
         unchanging: Draws of c (S, p) that go with them; of many draws mean and covariance are the true ones.
-        variance: Of x (T, n).
+        variance: Variance of x (T, n).
     """
 
     steps: NDArray[np.float32]
@@ -161,7 +161,7 @@ def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100, least: float
     """Climb to a mode of the trajectory and its errors by Gauss-Newton steps.
 
     Args:
-        problem: What is seen.
+        problem: The trajectory and its data.
         start: (T, n).
         most: Steps at most.
         least: Nats a frame that a step has to promise, or it is the last.
@@ -196,7 +196,7 @@ def find_mode(problem: SeenWalk, start: Floats, *, most: int = 100, least: float
 def _searched(
     problem: SeenWalk, here: tuple[Floats, Floats], step: tuple[Floats, Floats], weight: float, promised: float
 ) -> tuple[Floats, Floats] | None:
-    """Where a step leads, shorter or longer by what it gains; None if it gains nothing."""
+    """Result of a step, made shorter or longer according to its gain; None if it gains nothing."""
 
     def at(length: float) -> tuple[Floats, Floats]:
         return here[0] + length * step[0], here[1] + length * step[1]
@@ -230,7 +230,7 @@ def _around_data(problem: SeenWalk, u: Floats, spread: Floats | None = None, *, 
     """Minus the gradient of the potential by the location (M, T, 2), and its curvature (M, T, 2, 2), 0 where it is negative.
 
     Args:
-        problem: What is seen.
+        problem: The trajectory and its data.
         u: Errors that do not last (M, T, 2).
         spread: Covariances of them (M, T, 2, 2): errors are taken to be as large as they are expected to be.
         bent: Whether the curvature is the potential's own; else that of a quadratic above it.
@@ -251,11 +251,11 @@ def gaussian_around(
     """Draw from Laplace's approximation about a mode.
 
     Args:
-        problem: What is seen.
+        problem: The trajectory and its data.
         mode: Its mode.
-        rng: Of the draws.
+        rng: Random generator of the draws.
         num_draws: S.
-        unchanging: What is not known of the parameters that do not change; None if they are exact.
+        unchanging: Uncertainty of the parameters that do not change; None if they are exact.
     """
     view, u = problem.view(mode.x), problem.residuals(mode.x) - problem.ratio * mode.errors
 
@@ -292,9 +292,9 @@ def _centre(steps: NDArray[np.float32]) -> None:
 
 
 def _whitened(draws: Floats) -> Floats:
-    """Standard normal draws (S, p), of which many have just the mean and the covariance that they should have.
+    """Standard normal draws (S, p), of which many have exactly the right mean and covariance.
 
-    What all frames share would else be off by as much in all frames.
+    Otherwise an error of a parameter that all frames share would be the same in all frames.
     """
     count, size = draws.shape
     if count <= 2 * size:
@@ -304,7 +304,7 @@ def _whitened(draws: Floats) -> Floats:
 
 
 def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -> Floats:
-    """Covariances (M, T, 2, 2) of what the location and the errors that last add up to."""
+    """Covariances (M, T, 2, 2) of the sum of the location and the autocorrelated errors."""
     found, count = np.zeros_like(model.errors.weight), 0
     for x, e in _perturbed(model, factor, rng, _SPREAD_DRAWS):
         off = model.view.seen(x) + model.errors.ratio * e
@@ -326,7 +326,7 @@ def _perturbed(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, 
 
 
 def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) -> NDArray[np.float32]:
-    """How the mode falls (T, p, n) with each parameter that does not change."""
+    """Decrease of the mode (T, p, n) with each parameter that does not change."""
     num_frames, size = model.chains.own.shape
     found = np.empty((num_frames, len(unchanging.root), size), np.float32)
     for part in _parts(len(unchanging.root), model):

@@ -6,11 +6,13 @@ u' = u + lambda S^(1/2) N(0, 1) and accept with probability
     min(1, Z'(u') p(u') / (Z(u) p(u))),
 
 where Z is the evidence of all frames as a filter estimates it. If exp(log Z) is unbiased, as for particle filters, the chain
-targets exactly the posterior of u, whatever the number of particles, provided that Z(u) of the current point is kept and not
+targets exactly the posterior of u, whatever the number of particles. For this, Z(u) of the current point is kept and not
 estimated again. Few particles make chains stick: the standard deviation of log Z should be about 1.
 
-S is learned from all chains during the warm-up (:mod:`poseppl.kernels.adaptive_covariance`), and lambda adapted to the rate of
-acceptance; both are frozen before the draws that count.
+S is learned from all chains during the warm-up (:mod:`poseppl.kernels.adaptive_covariance`). In its first half lambda follows
+the rate of acceptance, so that chains come from far starts to the posterior. A noisy log Z lowers that rate at any lambda,
+which would shrink without end. In the second half lambda is therefore 2.38 / p^(1/2), near the best one at any noise
+(Sherlock, Thiery, Roberts and Rosenthal 2015, doi:10.1214/14-AOS1278). Both are frozen before the draws that count.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least, check_key
-from poseppl.errors import InputError
+from poseppl.errors import Argument, InputError
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
 from poseppl.particles.weights import nan_to_neg_inf
@@ -101,9 +103,9 @@ def pmmh(
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, data that are no Observation, data or inputs that are not those of T frames, a
-            parameters program that cannot be learned, a start that is no value of its params, or a `build_filter` that is no
-            function of the model.
+        ValueError: A number out of range, data that are not an Observation, or data or inputs that do not have T frames. Also a
+            parameters program that cannot be learned, a start that is not a value of its params, or a `build_filter` that is
+            not a function of the model.
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
@@ -121,8 +123,7 @@ def pmmh(
     key_start, key_first, key_updates = jax.random.split(rng_key, 3)
     positions, known = starting_points(model, bijector, key_start, num_chains, start)
     log_posterior, log_evidence = jax.vmap(evaluate)(jax.random.split(key_first, num_chains), positions)
-    scale = jnp.asarray(jnp.log(2.38 / bijector.dimension**0.5), positions.dtype)
-    first = _State(positions, log_posterior, log_evidence, scale, known)
+    first = _State(positions, log_posterior, log_evidence, _best_log_scale(positions), known)
     rows = jax.random.split(key_updates, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
     final, (draws, evidences, accepted) = jax.lax.scan(partial(_update, evaluate, num_warmup), first, rows)
     unconstrained = jnp.swapaxes(draws[num_warmup:], 0, 1)
@@ -145,22 +146,22 @@ def starting_points(
     known = initial_covariance(drawn)
     if start is None:
         return drawn[:num_chains], known
-    return jnp.broadcast_to(_flat_start(bijector, start), (num_chains, bijector.dimension)), known
+    return jnp.broadcast_to(flat_start(bijector, start), (num_chains, bijector.dimension)), known
 
 
-def _flat_start(bijector: ParameterBijector, start: Mapping[str, Any]) -> Array:
+def flat_start(bijector: ParameterBijector, start: Mapping[str, Any]) -> Array:
     """The flat vector (p,) of a start, whose values are checked where they are known."""
     if set(start) != set(bijector.sites):
         expected = f"those of the parameters program, {sorted(bijector.sites)}"
-        raise InputError(f"the names {sorted(start)}", field="start", expected=expected)
+        raise InputError(f"the names {sorted(start)}", field=Argument("start"), expected=expected)
     for name, site in bijector.sites.items():
         if np.shape(start[name]) != site.shape:
-            raise InputError(f"{name} has shape {np.shape(start[name])}", field="start", expected=f"{site.shape}")
+            raise InputError(f"{name} has shape {np.shape(start[name])}", field=Argument("start"), expected=f"{site.shape}")
     flat = bijector.to_flat(start)
     if not isinstance(flat, jax.core.Tracer):
         for name, site in bijector.sites.items():
             if not np.isfinite(site.unflatten(flat)).all():
-                raise InputError(f"{name} is {start[name]}", field="start", expected="a value inside of its support")
+                raise InputError(f"{name} is {start[name]}", field=Argument("start"), expected="a value inside of its support")
     return flat
 
 
@@ -183,12 +184,19 @@ def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[Array
     return moved, (moved.positions, moved.log_evidence, jnp.mean(accepted, dtype=values.dtype))
 
 
+def _best_log_scale(positions: Array) -> Array:
+    """Log lambda at which a random walk in p coordinates mixes best if S is the posterior's covariance."""
+    return jnp.asarray(np.log(2.38 / positions.shape[-1] ** 0.5), positions.dtype)
+
+
 def _adapt(state: _State, rate: Array, number: Array, num_warmup: int) -> _State:
     """Learn from an update of the warm-up; later ones change nothing."""
-    gain = (number + 1.0) ** -0.6
+    settled = num_warmup // 2
+    coming = number < settled
+    step = ((number + 1.0) ** -0.6 * (rate - _TARGET_ACCEPTANCE)).astype(state.log_scale.dtype)
     learned = state._replace(
-        log_scale=state.log_scale + (gain * (rate - _TARGET_ACCEPTANCE)).astype(state.log_scale.dtype),
-        known=learn(state.known, state.positions, number),
+        log_scale=jnp.where(coming, state.log_scale + step, _best_log_scale(state.positions)),
+        known=learn(state.known, state.positions, jnp.where(coming, number, number - settled), jnp.where(coming, 0.6, 1.0)),
     )
     adapted: _State = jax.tree.map(lambda new, old: jnp.where(number < num_warmup, new, old), learned, state)
     return adapted

@@ -26,11 +26,13 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.compilation import with_full_precision
+from poseppl.filters.in_parallel import linear_sequence
 from poseppl.filters.kalman import gaussian_form, update
+from poseppl.gaussians.diffuse import DiffuseGaussian, backward_conditional
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, semidefinite_root, triangular
-from poseppl.gaussians.linearisation import Linear, Method, Moments, linearise, linearise_about, predict
+from poseppl.gaussians.linearisation import Linear, Method, Moments, linearise_about, predict
 from poseppl.gaussians.marginals import gaussian_marginals
-from poseppl.gaussians.parallel import LinearFrames, filter_in_parallel, smooth_in_parallel
+from poseppl.gaussians.parallel import smooth_in_parallel
 from poseppl.particles.stacks import append, prepend, split_first, tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
@@ -133,7 +135,7 @@ class ForwardPass(NamedTuple):
         left: Roots (T, d, d) of the covariance of the frame before given each frame, P_t - G P' G^T; 0 at the first.
     """
 
-    filtered: Gaussian | RootGaussian
+    filtered: Gaussian | RootGaussian | DiffuseGaussian
     predicted: Array
     gains: Array
     left: Array
@@ -179,8 +181,10 @@ def parallel_moments(forward: ForwardPass) -> RootGaussian:
     return RootGaussian(smoothed.mean, jax.vmap(semidefinite_root)(smoothed.covariance))
 
 
-def _root(x: Gaussian | RootGaussian) -> Array:
+def _root(x: Gaussian | RootGaussian | DiffuseGaussian) -> Array:
     """L, lower triangular (d, d), with L L^T a covariance that may be singular."""
+    if isinstance(x, DiffuseGaussian):
+        return x.proper.scale
     return x.scale if isinstance(x, RootGaussian) else semidefinite_root(x.covariance)
 
 
@@ -189,7 +193,7 @@ def _forward(
 ) -> ForwardPass:
     """The forward pass, linearised around given Gaussians (T, ...), or as a Kalman filter if None."""
     first, later = split_first((observations, inputs))
-    predicted: Any = gaussian_form(model)(*model.initial_moments(first[1]))
+    predicted: Any = gaussian_form(model)(*model.initial_moments(first[1], diffuse=True))
     filtered = update(model, predicted, *first, method, about=tree_index(about, 0))[0]
 
     def advance(filtered: Any, row: Any) -> tuple[Any, ForwardPass]:
@@ -209,32 +213,11 @@ def _forward_in_parallel(
     model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: RootGaussian | None = None
 ) -> ForwardPass:
     """The same in parallel; without Gaussians to linearise around, all frames are linearised around the initial one."""
-    initial = RootGaussian(*_initial(model, tree_index(inputs, 0)))
-    num_frames = len(jax.tree.leaves(observations)[0])
+    sequence = linear_sequence(model, observations, inputs, method, about)
+    initial, filtered = sequence.initial, sequence.filtered
+    num_frames = len(filtered.mean)
     around = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *leaf.shape)), initial) if about is None else about
     before, later = tree_index(around, slice(-1)), tree_index(inputs, slice(1, None))
-
-    def transition(x: RootGaussian, inputs: Any) -> LinearFrames:
-        return _line(linearise(lambda state: model.transition_moments(state, inputs), x, method), x)
-
-    def observed(x: RootGaussian, observation: Observation, inputs: Any) -> tuple[LinearFrames, Array]:
-        data, seen = model.flat_observation(observation)
-        linear = linearise(
-            lambda state: model.observation_moments(state, inputs),
-            x,
-            method,
-            lambda state: model.observation_jacobian(state, inputs),
-        )
-        line = _line(linear, x)
-        noise = jnp.where(seen[:, None] & seen, line.noise, jnp.eye(len(data), dtype=line.noise.dtype))
-        jacobian = jnp.where(seen[:, None], line.jacobian, 0.0)
-        return LinearFrames(jacobian, line.offset, noise), jnp.where(seen, data, line.offset)
-
-    moved = jax.vmap(transition)(before, later)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:1]), moved)
-    transitions = jax.tree.map(lambda first, rest: jnp.concatenate([first, rest]), nothing, moved)
-    lines, data = jax.vmap(observed)(around, observations, inputs)
-    filtered = filter_in_parallel(initial.mean, initial.covariance, transitions, lines, data)
 
     def ahead(filtered: Gaussian, around: RootGaussian, inputs: Any) -> tuple[Gaussian, Array, Array]:
         return predict_with_gain(model, filtered, around, inputs, method)
@@ -244,28 +227,23 @@ def _forward_in_parallel(
     return ForwardPass(filtered, prepend(initial.mean, predicted.mean), prepend(none, gains), prepend(none, left))
 
 
-def _initial(model: CompiledModel, inputs: Any) -> tuple[Array, Array]:
-    """Mean (d,) of the first frame's state, and a root (d, d) of its covariance."""
-    mean, covariance = model.initial_moments(inputs)
-    return mean, semidefinite_root(covariance)
-
-
-def _line(linear: Linear, about: RootGaussian) -> LinearFrames:
-    """A conditional that was linearised around a Gaussian, by its offset at 0."""
-    return LinearFrames(linear.jacobian, linear.mean - linear.jacobian @ about.mean, linear.noise)
-
-
 def predict_with_gain(
-    model: CompiledModel, filtered: Moments, around: Gaussian | RootGaussian, inputs: Any, method: Method
+    model: CompiledModel, filtered: Moments, around: Gaussian | RootGaussian | DiffuseGaussian, inputs: Any, method: Method
 ) -> tuple[Moments, Array, Array]:
     """The Gaussian of the next frame, whose inputs these are, G (d, d), and the root (d, d) of what is left of the covariance.
 
     The transition is linearised around another Gaussian. All comes from one triangular factor [[S', 0], [C, L]] of the joint
     covariance of the next and this state: S' S'^T = P', G = C S'^-1 and L L^T = P - G P' G^T.
     """
-    linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
+    linear: Linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
+    either: Any = filtered
+    if isinstance(either, DiffuseGaussian):
+        return predict(filtered, linear), *backward_conditional(either, linear)
     root, size = _root(filtered), filtered.mean.shape[0]
-    ahead = jnp.hstack([linear.jacobian @ root, semidefinite_root(linear.noise)])
+    moved = linear.jacobian @ root
+    # what is certain, such as an earlier datum in the state, says nothing of the state before: a unit keeps S' invertible
+    certain = jnp.all(moved == 0, 1) & (jnp.diagonal(linear.noise) == 0)
+    ahead = jnp.hstack([moved, semidefinite_root(linear.noise + jnp.diag(certain.astype(moved.dtype)))])
     joint = triangular(jnp.vstack([ahead, jnp.hstack([root, jnp.zeros_like(root)])]))
     gain = joint[size:, :size] @ lower_inverse(joint[:size, :size])
     return predict(filtered, linear), gain, joint[size:, size:]

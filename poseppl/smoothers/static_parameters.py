@@ -3,7 +3,7 @@ r"""Particle Gibbs for static parameters: trajectories and params drawn in turn 
 Andrieu, Doucet and Holenstein 2010, section 4.5 (doi:10.1111/j.1467-9868.2009.00736.x). Each sweep of each chain
 
 1. moves the trajectory, x | params, z, by conditional sequential Monte Carlo (:mod:`poseppl.smoothers.conditional_smc`);
-2. moves the params, u | x, z in unconstrained coordinates, by NUTS on
+2. moves the params, u | x, z in unconstrained coordinates, by NUTS or another kernel (:mod:`poseppl.kernels.gibbs`) on
 
        log p(x, z | params(u)) + log p(params(u)) + log |det d params / d u|,
 
@@ -32,9 +32,12 @@ from poseppl.checks import check_at_least, check_choice, check_key
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
+from poseppl.kernels.gibbs import gibbs_kernel
+from poseppl.kernels.own_kernel import CustomKernel, Updated
 from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
@@ -77,6 +80,7 @@ class _Setting(NamedTuple):
     num_particles: int
     method: Method
     num_warmup: int
+    kernel: CustomKernel | None
 
     def bound(self, u: Array) -> CompiledModel:
         """The model with the params of u (p,)."""
@@ -104,6 +108,7 @@ def particle_gibbs(
     num_warmup: int = 250,
     method: Method = "ancestor",
     start: Mapping[str, Any] | None = None,
+    kernel: CustomKernel | None = None,
 ) -> ParticleGibbs:
     """Sample the posterior of a model's trajectory and static parameters.
 
@@ -119,22 +124,25 @@ def particle_gibbs(
         num_warmup: Sweeps of each chain before them.
         method: How a trajectory is drawn, "ancestor" sampling or "backward" simulation.
         start: Params by name that all chains start from; draws from the prior if None.
+        kernel: A kernel that moves the params in unconstrained coordinates, in place of NUTS; the step size is adapted to its
+            acceptance rate.
 
     Returns:
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, an unknown method, data that are no Observation, data or inputs that are not those
-            of T frames, a parameters program that cannot be learned, or a start that is no value of its params.
+        ValueError: A number out of range, an unknown method, data that are not an Observation, or data or inputs that do not
+            have T frames. Also a parameters program that cannot be learned, or a start that is not a value of its params.
     """
     check_at_least(2, num_particles=num_particles)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Method, method=method)
     check_key(rng_key)
-    inputs = stacked_inputs(inputs, num_frames_of(model.observation_sites, observations))
+    num_frames = num_frames_of(model.observation_sites, observations)
+    inputs = stacked_inputs(with_earlier_data(model, observations, inputs), num_frames)
     bijector = parameter_bijector(model)
-    setting = _Setting(model, bijector, observations, inputs, num_particles, method, num_warmup)
+    setting = _Setting(model, bijector, observations, inputs, num_particles, method, num_warmup, kernel)
     key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)
     positions, known = starting_points(model, bijector, key_params, num_chains, start)
     trajectories = jax.vmap(partial(_first_trajectory, setting))(jax.random.split(key_states, num_chains), positions)
@@ -161,37 +169,45 @@ def _sweep(setting: _Setting, state: _State, row: tuple[Array, Array]) -> tuple[
     log_step_size = jnp.where(early, state.adaptation.log_step_size, state.adaptation.log_step_size_avg)
     step_size, mass = jnp.exp(log_step_size), ridged(state.known.covariance)
 
-    def move(key: Array, xs: Array, u: Array) -> tuple[Array, Array, Any]:
-        key_states, key_params = jax.random.split(key)
-        xs = conditional_smc(
-            setting.bound(u), key_states, xs, setting.observations, setting.inputs, setting.num_particles, setting.method
-        )
-        return xs, *_move_params(setting, key_params, xs, u, step_size, mass)
+    def move_trajectory(key: Array, position: Any) -> Array:
+        model, xs = setting.bound(position["params"]), position["trajectory"]
+        return conditional_smc(model, key, xs, setting.observations, setting.inputs, setting.num_particles, setting.method)
+
+    sweep = gibbs_kernel({"trajectory": move_trajectory, "params": setting.kernel or _nuts(mass)})
+
+    def move(key: Array, xs: Array, u: Array) -> tuple[Any, Updated]:
+        joint = partial(_log_joint, setting)
+        moved, moves = sweep.step(key, sweep.init({"trajectory": xs, "params": u}, joint), joint, step_size)
+        return moved.position, moves["params"]
 
     keys = jax.random.split(key, state.positions.shape[0])
-    xs, positions, info = jax.vmap(move)(keys, state.trajectories, state.positions)
-    acceptance = jnp.mean(jnp.where(jnp.isnan(info.acceptance_rate), 0.0, info.acceptance_rate))
+    moved, update = jax.vmap(move)(keys, state.trajectories, state.positions)
+    xs, positions = moved["trajectory"], moved["params"]
+    acceptance = jnp.mean(jnp.where(jnp.isnan(update.acceptance), 0.0, update.acceptance))
     _, improve, _ = dual_averaging_adaptation(_TARGET_ACCEPTANCE)
     learned = improve(state.adaptation, acceptance), learn(state.known, positions, number)
     frozen = state.adaptation, state.known
     adapted = jax.tree.map(lambda new, old: jnp.where(early, new, old).astype(old.dtype), learned, frozen)
     changed = jnp.mean(jnp.any(xs != state.trajectories, -1), 0)
-    diagnosis = (acceptance, changed, jnp.sum(info.is_divergent), jnp.sum(info.num_integration_steps + 1))
+    diagnosis = (acceptance, changed, jnp.sum(update.divergent), jnp.sum(update.evaluations + 1))
     return _State(xs, positions, *adapted), (xs, positions, diagnosis)
 
 
-def _move_params(setting: _Setting, rng_key: Array, xs: Array, u: Array, step_size: Array, mass: Array) -> tuple[Array, Any]:
-    """A move of NUTS on the density of u given a trajectory and the data; NaN counts as -inf."""
+def _log_joint(setting: _Setting, position: Any) -> Array:
+    """Log-density of a trajectory, params and the data; NaN counts as -inf."""
+    u = position["params"]
+    joint = setting.bound(u).log_joint(position["trajectory"], setting.observations, setting.inputs)
+    value = joint + setting.bijector.log_prior(setting.model, u)
+    return nan_to_neg_inf(value)
 
-    def log_density(u: Array) -> Array:
-        joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
-        value = joint + setting.bijector.log_prior(setting.model, u)
-        return nan_to_neg_inf(value)
 
+def _nuts(mass: Array) -> CustomKernel:
     kernel: Any = blackjax.nuts.build_kernel()
-    start = blackjax.hmc.init(u, log_density)
-    state, info = kernel(unchecked(rng_key), start, log_density, step_size, mass, _MAX_DOUBLINGS)
-    return state.position, info
+
+    def step(rng_key: Array, state: Any, log_density: Any, step_size: Array) -> Any:
+        return kernel(unchecked(rng_key), state, log_density, step_size, mass, _MAX_DOUBLINGS)
+
+    return CustomKernel(blackjax.hmc.init, step)
 
 
 def _first_trajectory(setting: _Setting, rng_key: Array, u: Array) -> Array:

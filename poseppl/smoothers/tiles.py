@@ -1,12 +1,12 @@
 r"""Transition densities between two sets of particles, a tile of rows at a time.
 
-The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never kept whole: rows j, the later particles, go through in tiles,
-so that memory grows with N and not with N^2. The result of a tile is the same when each of its rows is multiplied by a
-number of its own, and that number keeps the row within the range of floating point.
+The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never stored as a whole. Rows j, the later particles, are processed
+in tiles, so that memory grows with N and not with N^2. Each row of a tile may be multiplied by a factor of its own without
+changing the result; the factor keeps the row within the range of floating point.
 
-Most often exp(log p) is in range as it stands, and a subtraction before the exponential would cost a third of the time. So a
-tile is tried as it stands; its row totals show whether a row overflowed, or sank so low that its entries lost digits, and
-only then is the tile made a second time with each row's largest entry brought to 1.
+Most often exp(log p) is in range without a factor, and a subtraction before the exponential would cost a third of the time. So
+a tile is first tried without factors. Its row totals show whether a row overflowed, or became so small that its entries lost
+digits. Only then is the tile computed a second time, with each row's largest entry scaled to 1.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What docs/validation/published.md tells of Choo and Fleet 2001, from the tables of that page."""
+"""Statements of docs/validation/published.md about Choo and Fleet 2001, from the tables of that page."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def speed_ups(tables: Tables) -> str:
         by = {row["by"]: row for row in tables["speed_ups"].records(tracker=tracker)}
         ours = [_interval(by[each]) for each in ("seconds", "evaluations")]
         rows.append([name, _times(by["seconds"]["published"]), *ours])
-    told = dict.fromkeys(f"- {claim.what}: {claim.verdict}" for claim in claims(tables))
-    return "\n\n".join([markdown(("tracker", "published, time", "ours, time", "ours, evaluations"), rows), "\n".join(told)])
+    lines = dict.fromkeys(f"- {claim.what}: {claim.verdict}" for claim in claims(tables))
+    return "\n\n".join([markdown(("tracker", "published, time", "ours, time", "ours, evaluations"), rows), "\n".join(lines)])
 
 
 def contest(tables: Tables) -> str:
@@ -44,8 +44,8 @@ def contest(tables: Tables) -> str:
         parts[row["method"]][row["recording"]] = row
     rows = [[name, *_sequences(parts[method])] for method, name in _METHODS.items()]
     columns = ("method", "walk: error, mm; coverage of 90 and 50 % intervals", "simulated", "frames a second: walk; simulated")
-    told = "\n".join(f"- {goal.what}: {goal.verdict} ({goal.ours})" for goal in goals(tables))
-    return f"{told}\n\n{markdown(columns, rows)}\n\n{_dense(parts)}"
+    lines = "\n".join(f"- {goal.what}: {goal.verdict} ({goal.ours})" for goal in goals(tables))
+    return f"{lines}\n\n{markdown(columns, rows)}\n\n{_dense(parts)}"
 
 
 def _dense(parts: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:

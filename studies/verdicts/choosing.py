@@ -28,8 +28,8 @@ def choosing(tables: Tables) -> str:
         shown += [_cells(row, float(ran[0]["error"])) for row in ran]
         refused += _pairs(model, [row["filter"] for row in mine if row["refused"]])
         missing += _pairs(model, [name for name in filters if name not in {row["filter"] for row in mine}])
-    told = {"Refused": refused, "Not run": missing}
-    ends = (f"{what}: {'; '.join(pairs)}." for what, pairs in told.items() if pairs)
+    excluded = {"Refused": refused, "Not run": missing}
+    ends = (f"{what}: {'; '.join(pairs)}." for what, pairs in excluded.items() if pairs)
     return "\n\n".join([markdown(_COLUMNS, shown), *ends])
 
 

@@ -1,4 +1,4 @@
-"""What algorithms cost to compile on the body, and whether that stays within the goal, for docs/validation/speed.md."""
+"""Compile times of algorithms on the body, and whether they stay within the goal, for docs/validation/speed.md."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def compile_times(tables: Tables) -> str:
     assert nothing["kind"] == "none"
     cells = [[_name(row), f"{row['compilation']:.1f}", f"{row['run']:.1f}", f"{row['memory']:,.0f}"] for row in rows]
     longer = {kind: _longer([row for row in rows if row["kind"] == kind]) for kind in ("filter", "smoother")}
-    told = "; ".join(f"{many} of {count} {kind}s take more" for kind, (many, count) in longer.items())
+    counted = "; ".join(f"{many} of {count} {kind}s take more" for kind, (many, count) in longer.items())
     verdict = "holds" if not any(many for many, _ in longer.values()) else "does not hold"
     return (
         f"{markdown(_COLUMNS, cells)}\n\nA process that has only loaded the libraries uses {nothing['memory']:,.0f} MiB. "
-        f"At most {MOST:.0f} processor seconds of compilation each: {verdict}, {told}."
+        f"At most {MOST:.0f} processor seconds of compilation each: {verdict}, {counted}."
     )
 
 

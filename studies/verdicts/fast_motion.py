@@ -36,7 +36,7 @@ class Interval(NamedTuple):
     mean: float
     reach: float
 
-    def told(self) -> str:
+    def text(self) -> str:
         """The mean with its interval, in bold where that leaves out 0."""
         mark = "**" if abs(self.mean) > self.reach else ""
         return f"{mark}{self.mean:+.0f} ± {self.reach:.0f}{mark}"
@@ -50,12 +50,12 @@ def fast_motion(tables: Tables) -> str:
     cases = list(dict.fromkeys(case for runs in groups.values() for case in runs))
     errors = markdown(("", *groups), [[case, *(_cell(runs.get(case, {})) for runs in groups.values())] for case in cases])
     asked = [
-        [question, *(difference(runs, one, other).told() for runs in groups.values())]
+        [question, *(difference(runs, one, other).text() for runs in groups.values())]
         for question, (one, other) in QUESTIONS.items()
         if all({one, other} <= set(runs) for runs in groups.values())
     ]
-    told = [_goals(groups, case, name) for case, name in ANSWERS.items() if all(case in runs for runs in groups.values())]
-    return f"{errors}\n\n{markdown(('mm', *groups), asked)}\n\n" + "\n".join(told)
+    goals = [_goals(groups, case, name) for case, name in ANSWERS.items() if all(case in runs for runs in groups.values())]
+    return f"{errors}\n\n{markdown(('mm', *groups), asked)}\n\n" + "\n".join(goals)
 
 
 def fast_motion_modes(tables: Tables) -> str:
@@ -73,8 +73,8 @@ def fast_motion_modes(tables: Tables) -> str:
     ]
     less = sum(row["mass"] < 0 for rows in groups.values() for row in rows)
     header = ("", "log-mass, truth's less the filter's", "error of the truth's mode, mm", "error of the filter's, mm")
-    told = f"The mode from the truth has the smaller mass in {less} of {sum(map(len, groups.values()))} runs."
-    return f"{markdown(header, shown)}\n\n{told}"
+    text = f"The mode from the truth has the smaller mass in {less} of {sum(map(len, groups.values()))} runs."
+    return f"{markdown(header, shown)}\n\n{text}"
 
 
 def difference(runs: Mapping[str, Runs], one: str, other: str, share: float = 1.0) -> Interval:
@@ -92,7 +92,7 @@ def _cell(runs: Runs) -> str:
 
 
 def _goals(groups: Mapping[str, Mapping[str, Runs]], case: str, name: str) -> str:
-    """Whether a case halves the errors, and gives intervals that hold what they should."""
+    """Whether a case halves the errors, and has the right coverage."""
     halved = {name: difference(runs, case, "fixed", 0.5) for name, runs in groups.items()}
     means = {name: over_runs([row["coverage"] for row in runs[case].values()]).mean for name, runs in groups.items()}
     inside = {name: LEAST <= mean <= MOST for name, mean in means.items()}

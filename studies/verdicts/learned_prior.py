@@ -19,7 +19,7 @@ Row = Mapping[str, Any]
 
 
 class Goals(NamedTuple):
-    """What walks should reach: an error below so many mm, and so many frames a second, if any."""
+    """Goals of walks: an error below so many mm, and so many frames a second, if any."""
 
     error: float
     pace: float | None = None
@@ -31,10 +31,10 @@ def points(tables: Tables) -> str:
 
 
 def silhouettes(tables: Tables) -> str:
-    """The same of silhouettes, whose published error is 57 mm; and whether their overlap tells of other motion."""
+    """The same of silhouettes, whose published error is 57 mm; and whether their overlap shows other motion."""
     table = tables["learned_prior_silhouettes"]
-    told = {row["recording"]: row["overlap"] != "none" for row in table.records() if row["case"] == "mixture"}
-    count = {other: [warned for name, warned in told.items() if (name in OTHER) == other] for other in (True, False)}
+    lines = {row["recording"]: row["overlap"] != "none" for row in table.records() if row["case"] == "mixture"}
+    count = {other: [warned for name, warned in lines.items() if (name in OTHER) == other] for other in (True, False)}
     return (
         f"{_section(table, Goals(57.0))}\n- The verdict on the overlap with the silhouettes, a warning or an error, reports "
         f"{sum(count[True])} of {len(count[True])} recordings that are no walks, and {sum(count[False])} of "
@@ -53,12 +53,12 @@ def _section(table: Table, goals: Goals) -> str:
         for name, own in rows.items()
     ]
     head = ["", *(CASES[case] for case in cases), "probability of the activity", "verdict on the overlap"]
-    told = "\n".join(f"- {_goals(case, [own[case] for own in walks], goals)}" for case in ("alone", "mixture"))
+    lines = "\n".join(f"- {_goals(case, [own[case] for own in walks], goals)}" for case in ("alone", "mixture"))
     noticed = [_name(name) for name in rows if name in OTHER and _mean(rows[name]["mixture"], "probability") < 0.5]
     mistaken = [name for name in rows if name not in OTHER and _mean(rows[name]["mixture"], "probability") < 0.5]
     named = f" ({', '.join(mistaken)})" if mistaken else ""
     return (
-        f"{markdown(head[: len(cells[0])], cells)}\n\n{told}\n- Other motion has the larger probability on {len(noticed)} of "
+        f"{markdown(head[: len(cells[0])], cells)}\n\n{lines}\n- Other motion has the larger probability on {len(noticed)} of "
         f"{sum(name in OTHER for name in rows)} recordings that are no walks, and on {len(mistaken)} of "
         f"{len(walks)} walks{named}."
     )
@@ -81,18 +81,18 @@ def _cell(runs: list[Row]) -> str:
 
 
 def _goals(case: str, walks: list[list[Row]], goals: Goals) -> str:
-    """What a case reaches on walks: means over recordings with 95 % intervals by Student's t."""
+    """Results of a case on walks: means over recordings with 95 % intervals by Student's t."""
     coverage = [100 * _mean(runs, "coverage_90") for runs in walks]
     half = [100 * _mean(runs, "coverage_50") for runs in walks]
     error, pace = ([_mean(runs, column) for runs in walks] for column in ("error", "frames_per_second"))
-    told = [
+    lines = [
         f"coverage of 90 % intervals is {_told(coverage)} %, 85 to 95 asked for: {_verdict(LEAST <= mean(coverage) <= MOST)}",
         f"error {_told(error)} mm, below {goals.error:.0f}: {_verdict(mean(error) < goals.error)}",
         f"{mean(pace):.0f} frames a second"
         + ("" if goals.pace is None else f", {goals.pace:.0f}: {_verdict(mean(pace) >= goals.pace)}"),
     ]
     name = CASES[case].capitalize()
-    return f"{name}, mean of {len(walks)} walks: {'; '.join(told)}. The coverage of 50 % intervals is {_told(half)} %."
+    return f"{name}, mean of {len(walks)} walks: {'; '.join(lines)}. The coverage of 50 % intervals is {_told(half)} %."
 
 
 def _verdict(holds: bool) -> str:

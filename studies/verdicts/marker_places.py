@@ -28,8 +28,8 @@ def marker_places(tables: Tables) -> str:
     columns = ["recording", "Hz", "cameras", "frames", "runs", *(f"{walk} walk, {places} positions" for walk, places in CASES)]
     columns += ["s a run, all learned", "s of learning"]
     shown = [[key[0], f"{key[1]:g}", *map(str, key[2:]), *_cells(runs)] for key, runs in groups.items()]
-    told = [_told(walk, count, groups) for count, walk in product(sorted({key[2] for key in groups}), ("fixed", "learned"))]
-    return "\n\n".join([markdown(columns, shown), "\n".join(told)])
+    lines = [_told(walk, count, groups) for count, walk in product(sorted({key[2] for key in groups}), ("fixed", "learned"))]
+    return "\n\n".join([markdown(columns, shown), "\n".join(lines)])
 
 
 def _cells(runs: Runs) -> list[str]:
@@ -44,7 +44,7 @@ def _mean(runs: Runs, case: tuple[str, str], name: str) -> float:
 
 
 def _told(walk: str, count: int, groups: Mapping[tuple[str, float, int, int], Runs]) -> str:
-    """Who has the smaller error with so many cameras and this walk, and whose intervals hold."""
+    """Method with the smaller error for this number of cameras and this walk, and methods with the right coverage."""
     recordings = {key[0]: runs for key, runs in groups.items() if key[2] == count}
     less = {name: paired_difference(runs[walk, "learned"], runs[walk, "fixed"]) for name, runs in recordings.items()}
     sure = [[name for name, found in less.items() if found.verdict == verdict] for verdict in ("wins", "loses")]

@@ -17,7 +17,7 @@ MEASURES = {
     "held_out": "left-out keypoints' median",
     "held_out_95": "their 95th percentile",
 }
-"""Of the points that all methods place, mm, and of keypoints, px."""
+"""Columns of the points that all methods estimate, mm, and of keypoints, px."""
 _ERRORS = ("median", "percentile_95", "own_median", "own_percentile_95", "published", "held_out", "held_out_95")
 _SHARES = ("coverage_50", "coverage_90", "joints_50", "joints_90")
 _ERROR_COLUMNS = ("median, mm", "95 %", "own: median", "95 %", "published: median", "left out: median, px", "95 %", "no answer")
@@ -62,14 +62,14 @@ def _seconds(value: float) -> str:
 
 
 def _compared(rows: Sequence[Mapping[str, Any]]) -> tuple[str, int]:
-    """What the default's errors are beside the others' least, of one set of cameras, and how many are no larger."""
+    """Errors of the default and the others' smallest, for one set of cameras, and how many are no larger."""
     ours = next(row for row in rows if row["library"].startswith(OURS) and row["method"] in DEFAULT)
     others = [row for row in rows if not row["library"].startswith(OURS)]
-    told, smaller = [], 0
+    sentences, smaller = [], 0
     for name, title in MEASURES.items():
         best = min(others, key=lambda row: row[name])
         smaller += ours[name] < best[name]
         word = "smaller" if ours[name] < best[name] else "no smaller"
         whose = f"{best['library'].split()[0]}, {best['method']}"
-        told.append(f"{title} {ours[name]:.1f}, {word} than the least of the others ({best[name]:.1f}, {whose})")
-    return f"* Cameras {rows[0]['cameras'].replace('-', ', ')}: {'; '.join(told)}.", smaller
+        sentences.append(f"{title} {ours[name]:.1f}, {word} than the least of the others ({best[name]:.1f}, {whose})")
+    return f"* Cameras {rows[0]['cameras'].replace('-', ', ')}: {'; '.join(sentences)}.", smaller

@@ -10,7 +10,7 @@ Tables = Mapping[str, Table]
 MEDIAN = {"Cam-A": 1.6, "Cam-B": 1.0, "Cam-C": 2.8}
 """Median errors of EKS, px, which are to be no smaller."""
 LOG_SCORE = {"Cam-A": -2.5, "Cam-B": -2.0, "Cam-C": -3.0}
-"""What the mean log score is to exceed."""
+"""Lower bound of the mean log score."""
 HELD = {"coverage_50": (0.45, 0.55), "coverage_90": (0.85, 0.95)}
 ALL = "median of three"
 

@@ -1,4 +1,4 @@
-"""How far off joints are that one camera sees, and whether intervals hold, for docs/validation/keypoints.md."""
+"""Errors of joints that one camera sees, and coverage, for docs/validation/keypoints.md."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NUMBERS = (("error", 1.0), ("farther", 1.0), ("coverage_50", 100.0), ("coverage
 
 
 def one_camera(tables: Tables) -> str:
-    """Means over recordings with 95 % intervals by Student's t, and whether the intervals hold what they should."""
+    """Means over recordings with 95 % intervals by Student's t, and whether the coverage is right."""
     groups: dict[tuple[str, ...], Rows] = {}
     for row in tables["one_camera"].records():
         groups.setdefault((row["noise"], row["walk"], row["method"]), []).append(row)

@@ -15,6 +15,7 @@ from poseppl_papers.catalogue import EXPERIMENTS, find_experiment
 from poseppl_papers.experiment import Experiment
 from poseppl_papers.page import claims_of
 from poseppl_papers.provenance import read_folder
+from poseppl_papers.sminchisescu_triggs.modes import modes_found
 from poseppl_papers.tables import Table
 
 from studies.verdicts import (
@@ -24,11 +25,12 @@ from studies.verdicts import (
     default_filter,
     ensembles,
     fast_motion,
+    gait,
     independent_answers,
     keypoints,
     learned_prior,
+    lessons,
     marker_places,
-    modes,
     motion_peers,
     named_points,
     one_camera,
@@ -48,7 +50,7 @@ Section = Callable[[Tables], str]
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 FOLDERS = {"": ROOT / "studies" / "tables"} | {f"{name}/": DOCS / name for name in EXPERIMENTS if (DOCS / name).is_dir()}
-"""Where tables are, by what their names begin with."""
+"""Folders of tables, by the beginning of their names."""
 MARKED = re.compile(r"(<!-- from tables: ([\w-]+) -->\n\n)(.*?)(\n\n<!-- end -->)", re.DOTALL)
 
 
@@ -78,17 +80,21 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "choosing": choosing.choosing,
         "frame-samplers": sampling.frame_samplers,
         "ensembles": ensembles.ensembles,
-        "modes-found": modes.modes_found,
+        "modes-found": of("sminchisescu-triggs-2001", modes_found),
     },
     "validation/index.md": {"summary": summary.summary},
     "validation/keypoints.md": {
         "keypoints": keypoints.keypoints,
+        "held-out-cameras": keypoints.held_out,
+        "feet": keypoints.feet,
         "keypoint-speed": keypoints.speed,
         "one-camera": one_camera.one_camera,
         "simulated-keypoints": simulated_keypoints.recorded,
         "simulated-clocks": simulated_keypoints.clocks,
         "smoother-ranks": simulated_keypoints.ranks,
+        "gait": gait.gait,
     },
+    "validation/lessons.md": {"lessons": lessons.lessons},
     "validation/libraries.md": {"motion-peers": motion_peers.motion_peers},
     "validation/models.md": {"independent-answers": independent_answers.independent_answers},
     "validation/motion.md": {
@@ -133,5 +139,5 @@ def read_tables() -> dict[str, Table]:
 
 
 def made(text: str, page: str, tables: Tables) -> str:
-    """The text of a page with its marked parts made anew."""
+    """The text of a page with its marked parts made again."""
     return MARKED.sub(lambda found: found[1] + SECTIONS[page][found[2]](tables) + found[4], text)

@@ -1,4 +1,4 @@
-"""What predictive checks noticed of runs whose truth is known, for docs/validation/verdicts.md."""
+"""Detections by predictive checks in runs whose truth is known, for docs/validation/verdicts.md."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def checks(tables: Tables) -> str:
 def lost(tables: Tables) -> str:
     """The same for simulated motion, and errors found by coverage."""
     rows = tables["simulated_checks"].records()
-    told = [
+    findings = [
         f"{sum(row['errors'] != 'none' for row in part)} of the {len(part)} between {100 * least:.0f} and {100 * most:.0f} %"
         for least, most in itertools.pairwise(_STEPS)
         if (part := [row for row in rows if least <= row["coverage"] < most])
     ]
-    mean = mean_interval([100 * row["coverage"] for row in rows]).told(".1f")
-    return f"{_table(rows)}\n\nThe mean coverage is {mean} %. An error is found in {', '.join(told)}."
+    mean = mean_interval([100 * row["coverage"] for row in rows]).text(".1f")
+    return f"{_table(rows)}\n\nThe mean coverage is {mean} %. An error is found in {', '.join(findings)}."
 
 
 def _table(rows: list[dict[str, Any]]) -> str:

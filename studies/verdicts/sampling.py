@@ -36,8 +36,8 @@ def trajectory(tables: Tables) -> str:
         for row in rows
     ]
     reached = [min(row["ratio_worst"], row["ratio_median"]) >= TIMES for row in rows]
-    told = [f"{row['frames']} frames: {'' if each else 'not '}reached" for row, each in zip(rows, reached, strict=True)]
-    goal = f"The goal of {TIMES:.0f} times as many effective draws a second, by processor time: {'; '.join(told)}."
+    sentence = [f"{row['frames']} frames: {'' if each else 'not '}reached" for row, each in zip(rows, reached, strict=True)]
+    goal = f"The goal of {TIMES:.0f} times as many effective draws a second, by processor time: {'; '.join(sentence)}."
     return f"{markdown(('frames', 'poseppl, worst; median coordinate', 'NumPyro', 'ratio'), shown)}\n\n{goal}"
 
 
@@ -66,7 +66,7 @@ def particle_mgrad(tables: Tables) -> str:
 
 
 def frame_samplers(tables: Tables) -> str:
-    """What a gradient is worth to each sampler of one frame, and whether one does better than the tempered filter."""
+    """Value of a gradient for each sampler of one frame, and whether one does better than the tempered filter."""
     rows = tables["frame_samplers"].records()
     shown = [
         [
@@ -87,8 +87,8 @@ def frame_samplers(tables: Tables) -> str:
         > 2 * math.hypot(row["per_1000_error"], own[row["frame"]]["per_1000_error"])
     ]
     header = ("frame", "sampler", "gradients", "independent draws", "for 1,000 gradients", "log-evidence, error")
-    told = f"More than the tempered filter for a gradient, beyond two standard errors: {', '.join(better) or 'none'}."
-    return f"{markdown(header, shown)}\n\n{told}"
+    sentence = f"More than the tempered filter for a gradient, beyond two standard errors: {', '.join(better) or 'none'}."
+    return f"{markdown(header, shown)}\n\n{sentence}"
 
 
 def _pair(one: float, other: float) -> str:

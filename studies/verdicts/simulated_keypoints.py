@@ -15,7 +15,7 @@ Rows = Sequence[Mapping[str, Any]]
 ANGLE, HELD, ECE = 2.0, (0.85, 0.95), 0.05
 """The goals: degrees in the median, shares of 90 % intervals, mean distance of coverage from its level."""
 TOLD = 12.0
-"""An angle is told by the keypoints that tell it to within so many degrees."""
+"""Keypoints determine an angle if its ideal precision is below this, degrees."""
 WRONG = 30.0
 """An angle that is off by more degrees than this in half of the frames is another one, such as of a joint bent backwards."""
 CHANCE = 0.01
@@ -29,7 +29,7 @@ RIGHT = ("right", "corrected")
 def recorded(tables: Tables) -> str:
     """Errors and coverage of joints and angles by errors and cameras, of limbs, of each angle, and the goals."""
     records, limbs = tables["simulated_keypoints"].records(), tables["simulated_limbs"].records()
-    told, untold = _told(records)
+    informed, untold = _told(records)
     cases = list(dict.fromkeys((row["case"], row["cameras"]) for row in limbs))
     columns = ("errors of the points", "cameras", "recordings", "joints, mm", "95 %", "aligned, mm", "in 50 %", "in 90 %")
     columns = (*columns, "angles, degrees", "95 %", "in 50 %", "in 90 %", "swapped limbs", "found", "false alarms")
@@ -37,7 +37,7 @@ def recorded(tables: Tables) -> str:
     for case, cameras in cases:
         own = [row for row in records if (row["case"], row["cameras"]) == (case, cameras)]
         seen = [row for row in limbs if (row["case"], row["cameras"]) == (case, cameras)]
-        joints, angles = ([row for row in own if row["what"] in what] for what in ({PLACES}, told))
+        joints, angles = ([row for row in own if row["what"] in what] for what in ({PLACES}, informed))
         error, held = _by_recording(angles, "median", median), _by_recording(angles, "coverage_90", mean)
         near = _interval([row["aligned"] for row in seen], 0)
         cells.append([case, str(cameras), str(len(seen)), *_cells(joints, 0, near), *_cells(angles, 1), *_limbs(seen)])
@@ -48,7 +48,7 @@ def recorded(tables: Tables) -> str:
     wrong = [
         f"{row['what']} of {row['recording']} ({row['cameras']} cameras)"
         for row in records
-        if row["case"] == SHOWN and row["what"] in told and row["median"] > WRONG
+        if row["case"] == SHOWN and row["what"] in informed and row["median"] > WRONG
     ]
     said.append(f"- More than {WRONG:g} degrees off in the median, {SHOWN}: {', '.join(wrong) or 'none'}.")
     last = f"Ideal SD above {TOLD:g} degrees, and left out of the angles above: {', '.join(untold)}."
@@ -133,10 +133,10 @@ def clocks(tables: Tables) -> str:
         own = [row for row in records if (row["clutter"], row["calibration"]) == case]
         known = [row for row in own if not math.isnan(row["offset"])]
         offsets, count = [row["offset"] for row in known], len(own)
-        told = f"{mean(row['deviation'] for row in known):.2f}"
+        informed = f"{mean(row['deviation'] for row in known):.2f}"
         of = (("held", 3 * len(known)), ("mended", 3 * count), ("lost", 4 * count))
         numbers = [f"{sum(row[name] for row in own)} of {total}" for name, total in of]
-        cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", told, *numbers])
+        cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", informed, *numbers])
         right.append(not any(row["mended"] or row["lost"] for row in own))
     word = "holds" if all(right) else "does not hold"
     return f"{markdown(columns, cells)}\n\nThat no clock is corrected and no camera lost where all clocks are right {word}."

@@ -24,10 +24,10 @@ def simulated_motion(tables: Tables) -> str:
     for row in tables["simulated_motion"].records():
         rows.setdefault(row["setting"], {})[row["sequence"]] = row
     header = ("", "sequences", "error, mm", f"above {_LOST:.0f} mm", "coverage of 90 % intervals", "50 %", "frames a second")
-    told = [_difference(rows, name) for name in rows if name != _DEFAULT]
+    lines = [_difference(rows, name) for name in rows if name != _DEFAULT]
     table = markdown(header, [_row(name, own) for name, own in rows.items()])
-    told += _goals(rows[_DEFAULT]) + [_bound(name, rows[name]) for name in _NEAREST if name in rows]
-    return f"{table}\n\n" + "\n".join(told)
+    lines += _goals(rows[_DEFAULT]) + [_bound(name, rows[name]) for name in _NEAREST if name in rows]
+    return f"{table}\n\n" + "\n".join(lines)
 
 
 def coordinates(tables: Tables) -> str:
@@ -37,24 +37,24 @@ def coordinates(tables: Tables) -> str:
         rows.setdefault((row["method"], row["part"]), {})[row["sequence"]] = row
     header = ("", "part", "sequences", "coverage of 90 % intervals", "deviation, rad", "error, rad")
     others = [method for method in dict.fromkeys(method for method, _ in rows) if method != _DEFAULT]
-    told = [_beside(rows, method) for method in others]
-    return markdown(header, [_angles(*key, own) for key, own in rows.items()]) + "\n\n" + "\n".join(told)
+    lines = [_beside(rows, method) for method in others]
+    return markdown(header, [_angles(*key, own) for key, own in rows.items()]) + "\n\n" + "\n".join(lines)
 
 
 def _angles(method: str, part: str, rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
     deviation, error = (f"{np.sqrt(np.mean(_values(rows, each) ** 2)):.2f}" for each in ("deviation", "error"))
-    return [method, part, str(len(rows)), mean_interval(100 * _values(rows, "inside")).told(".1f") + " %", deviation, error]
+    return [method, part, str(len(rows)), mean_interval(100 * _values(rows, "inside")).text(".1f") + " %", deviation, error]
 
 
 def _beside(rows: Mapping[tuple[str, str], Mapping[int, Mapping[str, Any]]], method: str) -> str:
     """The gain of coverage over the default, and the ratio of the default's deviations to its own, by sequence."""
-    told = []
+    parts = []
     for part in [part for each, part in rows if each == method]:
         both = rows[_DEFAULT, part], rows[method, part]
         gain = _paired(*both, lambda own, other: 100 * (other["inside"] - own["inside"]))
         ratio = _paired(*both, lambda own, other: own["deviation"] / other["deviation"])
-        told.append(f"{part} {gain.told('.1f')} points, ratio {ratio.told('.2f')}")
-    return f"- {method}: gain of coverage over the default, and the default's deviations over its own: {'; '.join(told)}."
+        parts.append(f"{part} {gain.text('.1f')} points, ratio {ratio.text('.2f')}")
+    return f"- {method}: gain of coverage over the default, and the default's deviations over its own: {'; '.join(parts)}."
 
 
 def _paired(own: Mapping[int, Any], other: Mapping[int, Any], compare: Callable[[Any, Any], float]) -> Interval:
@@ -65,8 +65,8 @@ def _paired(own: Mapping[int, Any], other: Mapping[int, Any], compare: Callable[
 def _row(name: str, rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
     error = _values(rows, "error")
     lost = f"{int((error > _LOST).sum())} (largest {error.max():.0f})"
-    cover = [mean_interval(100 * _values(rows, each)).told(".1f") + " %" for each in _INSIDE]
-    return [name, str(len(rows)), mean_interval(error).told(".1f"), lost, *cover, f"{_per_second(rows):.0f}"]
+    cover = [mean_interval(100 * _values(rows, each)).text(".1f") + " %" for each in _INSIDE]
+    return [name, str(len(rows)), mean_interval(error).text(".1f"), lost, *cover, f"{_per_second(rows):.0f}"]
 
 
 def _difference(rows: Mapping[str, Mapping[int, Mapping[str, Any]]], name: str) -> str:
@@ -76,7 +76,7 @@ def _difference(rows: Mapping[str, Mapping[int, Mapping[str, Any]]], name: str) 
     only = [len(lost[0] - lost[1]), len(lost[1] - lost[0])]
     chance = float(stats.binomtest(only[0], sum(only)).pvalue) if sum(only) else 1.0
     return (
-        f"- {name} in place of the {_DEFAULT}, {len(both)} sequences: errors smaller by {less.told('.1f', ' mm')}, "
+        f"- {name} in place of the {_DEFAULT}, {len(both)} sequences: errors smaller by {less.text('.1f', ' mm')}, "
         f"{less.above(0)}; above {_LOST:.0f} mm with the {_DEFAULT} alone {only[0]}, with {name} alone {only[1]} "
         f"(sign test, p = {chance:.2g})."
     )
@@ -88,23 +88,23 @@ def _goals(rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
     rate, inside = _per_second(rows), {each: mean_interval(100 * _values(rows, each)) for each in _INSIDE}
     covers = [
         f"- Goal: coverage of {each.removeprefix('in_')} % intervals of {low:.0f} to {high:.0f} %: "
-        f"{inside[each].within(low, high)} ({inside[each].told('.1f')})."
+        f"{inside[each].within(low, high)} ({inside[each].text('.1f')})."
         for each, (low, high) in _INSIDE.items()
     ]
     return [
         *covers,
-        f"- Goal: an error of at most {_ERROR:.0f} mm: {error.below(_ERROR)} ({error.told('.1f')}).",
+        f"- Goal: an error of at most {_ERROR:.0f} mm: {error.below(_ERROR)} ({error.text('.1f')}).",
         f"- Goal: no sequence above {_LOST:.0f} mm: {_verdict(not lost)} ({lost} of {len(rows)}).",
         f"- Goal: {_RATE:.0f} frames a second of processor time: {_verdict(rate >= _RATE)} ({rate:.0f}).",
     ]
 
 
 def _bound(name: str, rows: Mapping[int, Mapping[str, Any]]) -> str:
-    """What a filter of the same posterior can hope for."""
+    """Best possible result of a filter with the same posterior."""
     error, inside = mean_interval(_values(rows, "error")), mean_interval(100 * _values(rows, "in_90"))
     return (
         f"- The goal of {_ERROR:.0f} mm with the posterior itself, as nearly as {name} has it: {error.below(_ERROR)} "
-        f"({error.told('.1f')}, and the coverage of its 90 % intervals is {inside.told('.1f')} %)."
+        f"({error.text('.1f')}, and the coverage of its 90 % intervals is {inside.text('.1f')} %)."
     )
 
 

@@ -1,4 +1,4 @@
-"""What docs/validation/published.md tells of Sminchisescu and Triggs 2001, from the tables of that page."""
+"""Statements of docs/validation/published.md about Sminchisescu and Triggs 2001, from the tables of that page."""
 
 from __future__ import annotations
 

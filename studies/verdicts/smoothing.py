@@ -16,7 +16,7 @@ FILTER = "filter"
 def smoothing_pays(tables: Tables) -> str:
     """Errors, coverage and cost by cameras and method, and which smoothers have smaller errors than the filter."""
     records = tables["smoothing_pays"].records()
-    rows, told = [], []
+    rows, sentences = [], []
     for kind, cameras in sorted({(row["seen"], row["cameras"]) for row in records}, key=lambda pair: (pair[0], int(pair[1]))):
         seen = [row for row in records if (row["seen"], row["cameras"]) == (kind, cameras)]
         before = {_run(row): float(row["error"]) for row in seen if row["method"] == FILTER}
@@ -33,9 +33,9 @@ def smoothing_pays(tables: Tables) -> str:
             shares = [f"{100 * _mean(own, column):.0f}" for column in ("coverage_50", "coverage_90")]
             rows.append([kind, cameras, method, f"{_mean(own, 'error'):.0f}", gain, *shares, f"{_seconds(own):.2g}"])
         said = "; ".join(f"{verdict}: {', '.join(methods)}" for verdict, methods in found.items() if methods)
-        told.append(f"- {kind.capitalize()}, {_plural(int(cameras))}, {number} runs: smoothing pays: {said}.")
+        sentences.append(f"- {kind.capitalize()}, {_plural(int(cameras))}, {number} runs: smoothing pays: {said}.")
     columns = ("seen", "cameras", "", "error", "% less", "coverage of 50 %", "90 %", "s a frame")
-    return f"{markdown(columns, rows)}\n\n" + "\n".join(told)
+    return f"{markdown(columns, rows)}\n\n" + "\n".join(sentences)
 
 
 def _independent(kind: str, runs: Mapping[tuple[str, str], float]) -> list[float]:

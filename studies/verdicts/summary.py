@@ -29,7 +29,7 @@ def _answers(tables: Tables) -> tuple[str, str, str]:
 
 def _simulated(tables: Tables) -> tuple[str, str, str]:
     rows = tables["simulated_motion"].records(setting="default")
-    inside = mean_interval([100 * row["in_90"] for row in rows]).told(".1f")
+    inside = mean_interval([100 * row["in_90"] for row in rows]).text(".1f")
     question = "[Are intervals of a body right if the model is?](motion.md#simulated-motion)"
     return question, f"coverage of 90 % intervals {inside} %", f"{len(rows)} simulated sequences, one camera"
 

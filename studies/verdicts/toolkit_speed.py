@@ -21,8 +21,10 @@ def beside_rivals(tables: Tables) -> str:
         [row["job"], f"{1e3 * row['seconds']:,.1f}", row["rival"], f"{1e3 * row['rival_seconds']:,.1f}", f"{_ratio(row):.2f}"]
         for row in rows
     ]
-    told = [f"{row['job']}, at most {row['goal']:g} times: {_HOLDS[_ratio(row) <= row['goal']]}" for row in rows if row["goal"]]
-    return f"{markdown(columns, cells)}\n\n{'; '.join(told)}."
+    goals = [
+        f"{row['job']}, at most {row['goal']:g} times: {_HOLDS[_ratio(row) <= row['goal']]}" for row in rows if row["goal"]
+    ]
+    return f"{markdown(columns, cells)}\n\n{'; '.join(goals)}."
 
 
 def first_results(tables: Tables) -> str:
@@ -35,8 +37,10 @@ def first_results(tables: Tables) -> str:
     ]
     first = _told([(row["first"], row["first_result"] <= FIRST) for row in rows])
     second = _told([(f"{row['second']} after {row['first']}", row["second_filter"] <= SECOND) for row in rows])
-    told = f"A first result in at most {FIRST:g} processor seconds: {first}. A second filter's in at most {SECOND:g}: {second}."
-    return f"{markdown(columns, cells)}\n\n{told}"
+    goals = (
+        f"A first result in at most {FIRST:g} processor seconds: {first}. A second filter's in at most {SECOND:g}: {second}."
+    )
+    return f"{markdown(columns, cells)}\n\n{goals}"
 
 
 def _ratio(row: Mapping[str, Any]) -> float:

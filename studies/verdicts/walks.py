@@ -27,7 +27,7 @@ class Difference(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Who has the smaller error, where the interval tells."""
+        """Method with the smaller error, if the interval decides."""
         return "wins" if self.mean + self.reach < 0 else "loses" if self.mean - self.reach > 0 else "undecided"
 
 
@@ -39,8 +39,8 @@ def random_walks(tables: Tables) -> str:
         groups.setdefault(key, {}).setdefault(row["walk"], {})[row["seed"]] = row
     columns = ("recording", "Hz", "cameras", "frames", "runs", *_WALKS.values(), "learned less square root, mm")
     shown = [[key[0], f"{key[1]:g}", *map(str, key[2:]), *_cells(runs)] for key, runs in groups.items()]
-    told = [_told(count, {key[0]: runs for key, runs in groups.items() if key[2] == count}) for count in _COUNTS]
-    return "\n\n".join([markdown((*columns, "s of learning"), shown), "\n".join([*filter(None, told), _goal(groups)])])
+    sentences = [_told(count, {key[0]: runs for key, runs in groups.items() if key[2] == count}) for count in _COUNTS]
+    return "\n\n".join([markdown((*columns, "s of learning"), shown), "\n".join([*filter(None, sentences), _goal(groups)])])
 
 
 def difference(runs: Runs) -> Difference:
@@ -80,7 +80,7 @@ def _mean(runs: Mapping[int, Mapping[str, Any]], name: str) -> Measured:
 
 
 def _told(count: int, recordings: Mapping[str, Runs]) -> str:
-    """Who has the smaller error with so many cameras, and whose intervals are narrow."""
+    """Method with the smaller error for this number of cameras, and methods with narrow intervals."""
     compared = {name: difference(runs) for name, runs in recordings.items() if {"learned", "second"} <= set(runs)}
     if not compared:
         return ""

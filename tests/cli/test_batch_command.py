@@ -30,7 +30,7 @@ def test_a_folder_of_tables(folder, capsys):  # noqa: F811
     assert abs(float(first["log evidence"]) - exact_evidence()) < 1e-3 and first["frames"] == "6"
     assert second["severity"] == "failed"
     written = (folder / "out/first.nc").stat().st_mtime_ns
-    # the table that was mended is done, the other is not done again
+    # # the corrected table is done, the other is not done again
     shutil.copy("data.csv", tables / "second.csv")
     assert main(command) == 0
     assert (folder / "out/first.nc").stat().st_mtime_ns == written

@@ -110,7 +110,7 @@ def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixt
     files = ["--observations", "seen/poseppl-walk.csv", "--camera", "seen/poseppl-walk.toml", "-o", "seen.nc"]
     capsys.readouterr()
     assert main(["track", *files, *SMALL[:4], "-q"]) == 0
-    assert "30 are assumed (--rate)" in capsys.readouterr().err
+    assert "30 frames a second are assumed (--rate)" in capsys.readouterr().err
     assert main(["track", *files, *SMALL[:4], "-q", "--rate", "120"]) == 0
     assert "are assumed" not in capsys.readouterr().err
     halved = load_result("seen.nc")["inputs/step_scale"].values

@@ -57,7 +57,7 @@ def test_page_and_table_are_written_and_results_left_alone(capsys: pytest.Captur
 
 
 def test_the_table_has_seconds_and_no_empty_column(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 8 frames: 0.01 s each by the clock; the processor's are known of one run, the evidence of none."""
+    """A result of 8 frames: 0.01 s each by the clock; one run has processor seconds, none has the evidence."""
     monkeypatch.setenv("COLUMNS", "80")
     tree = run_on(DATA, seed=1, seconds=0.01)
     tree.attrs["cpu_seconds"] = "0.128"
@@ -66,7 +66,7 @@ def test_the_table_has_seconds_and_no_empty_column(capsys: pytest.CaptureFixture
     lines = capsys.readouterr().out.splitlines()
     cells = [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]] for line in lines if line[:1] in ("│", "┃")]
     head = [" ".join(filter(None, part)) for part in zip(*cells[:-2], strict=True)]
-    assert head[:3] == ["run", "wall, s", "CPU, s"] and "error, mm" in head
+    assert head[:3] == ["run", "wall (s)", "CPU (s)"] and "error (mm)" in head
     assert [row[0] for row in cells[-2:]] == ["slow", "quick"]
     assert cells[-1][1:3] == ["0.08", "0.13"] and cells[-2][2] == "–"
     assert all(any(row[k] != "–" for row in cells[-2:]) for k in range(len(head)))

@@ -1,4 +1,4 @@
-"""What a command says while it runs, and when it is interrupted."""
+"""Output of a command while it runs, and when it is interrupted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("here")
 
 
 def test_lines_come_while_nothing_is_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """A smoother, or a compilation, tells of nothing on its way."""
+    """A smoother, or a compilation, reports no progress."""
     monkeypatch.setattr(console, "_SECONDS_BETWEEN_LOOKS", 0.001)
     bar, now, notes = ConsoleProgress(False), [0.0], list[str]()
     bar._told, bar._bar.get_time = 0.0, lambda: now[0]

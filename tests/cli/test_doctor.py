@@ -42,7 +42,7 @@ def test_a_missing_need_is_a_failure(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert "MISSING" in capsys.readouterr().out
 
 
-def test_devices_and_folders_are_told(
+def test_devices_and_folders_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "program").write_bytes(bytes(3 * 2**20))

@@ -70,6 +70,11 @@ REFUSED = {
     f"{MODEL} --settings no.toml": "no.toml: no such file",
     f"{MODEL} --set x=1": "--set x=1: no setting of the filter particle",
     f"{MODEL} --smooth x": "'x' is no smoother",
+    f"{MODEL} --fit no.nc": "no.nc: no such file",
+    "fit no.py --data d.csv": "no.py: no such file",
+    "fit m.py --data d.csv --method mle": "'mle' is no method (expected ml)",
+    "fit m.py --data d.csv --set num_draws=5": "--set num_draws=5: no setting of the method ml (expected num_starts",
+    "fit m.py --data d.csv --filter kalman --filter-set x=1": "--set x=1: no setting of the filter kalman",
     "batch no --model m.py": "no: no such folder",
     "batch folder --model no.py": "no.py: no such file",
     "smooth no.nc": "no.nc: no such file",
@@ -93,6 +98,7 @@ USAGE = {
     "track --sigma-angle 5": "--set sigma_angle=",
     "track --person 2": "--person is an option of poseppl track keypoints and live and points",
     "track k.json": "Missing option '--calibration'",
+    "fit m.py --data d.csv --num-draws 5": "--set num_draws=",
     "reproduce choo-fleet-2001 no": "no part 'no'; its parts are single-frame",
 }
 EVERY_COMMAND = """
@@ -130,6 +136,7 @@ def test_nothing_heavy_is_loaded_before_words_are_refused() -> None:
         "reproduce",
         "filters",
         "smoothers trajectory",
+        "methods nuts",
     ]
     told = json.loads(run(EVERY_COMMAND, json.dumps([*REFUSED, *USAGE, *right])))
     for lines, expected in ((REFUSED, 1), (USAGE, 2), (dict.fromkeys(right, ""), 0)):
@@ -138,7 +145,7 @@ def test_nothing_heavy_is_loaded_before_words_are_refused() -> None:
             assert (status, loaded) == (expected, []) and words in message, (line, status, message, loaded)
 
 
-def test_a_missing_file_is_told_at_once() -> None:
+def test_a_missing_file_is_reported_at_once() -> None:
     """Processor time, of which another process takes none; importing JAX and ArviZ takes 3 seconds."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, "-m", "poseppl.cli", "track", "no.c3d"], check=False, capture_output=True, text=True)
@@ -156,16 +163,19 @@ def test_a_file_that_must_not_be_read(capsys: pytest.CaptureFixture[str], monkey
 
 
 def test_every_file_that_is_read_is_checked() -> None:
-    """Other paths are those of outputs, and the folder of batch, which looks for tables in it."""
+    """Other paths are those of outputs, and the folders of batch, which looks for tables or trials in them."""
     others = {
         f"{command.name} {parameter.name}"
-        for command in (*cli.commands.values(), *track.commands.values())
+        for command in (*cli.commands.values(), *track.commands.values(), *cli.commands["batch"].commands.values())
         for parameter in command.params
         if isinstance(parameter.type, click.Path) and not isinstance(parameter.type, InputFile)
     }
     assert others == {
-        "batch folder",
+        "keypoints folder",
+        "tables folder",
+        "demo folder",
         "export output",
+        "gait output",
         "fit-motion plot",
         "overlay output",
         "reproduce folder",

@@ -26,9 +26,9 @@ def _files(here: None, tmp_path: Path) -> None:
 def test_files_beside_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "walk.nc"]) == 0
     out, err = capsys.readouterr()
-    assert out.split() == ["walk.trc", "walk_lower.trc", "walk_upper.trc", "walk.mot"]
+    assert out.split() == ["walk.trc", "walk_lower.trc", "walk_upper.trc", "walk.mot", "walk.osim"]
     assert all(Path(name).is_file() for name in out.split())
-    assert "its exported times are those of 30" in err
+    assert "exported times assume 30 frames a second" in err
 
 
 @pytest.mark.full
@@ -47,13 +47,15 @@ def test_formats_one_after_another(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "status", "expected"),
     [
-        (["--format", "osim"], 2, "'osim' is not one of"),
+        (["--format", "fbx"], 2, "'fbx' is not one of"),
         (["--format"], 2, "requires an argument"),
         (["--level", "90"], 1, "--level: 90 (expected a share"),
         (["--output", "nowhere"], 1, "not a folder"),
     ],
 )
-def test_what_does_not_fit_is_told(capsys: pytest.CaptureFixture[str], words: list[str], status: int, expected: str) -> None:
+def test_what_does_not_fit_is_reported(
+    capsys: pytest.CaptureFixture[str], words: list[str], status: int, expected: str
+) -> None:
     assert main(["export", "walk.nc", *words]) == status
     assert expected in capsys.readouterr().err
     assert sorted(path.name for path in Path().iterdir()) == ["walk.nc"]

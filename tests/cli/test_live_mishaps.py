@@ -73,7 +73,7 @@ def test_errors_of_a_detector_give_the_noise(data_dir: Path, copied: Callable[..
         noise.append(load_result("a.nc")["inputs/noise"].to_numpy())
     plain, own, together = noise
     assert own.shape == (FRAMES, 3, plain.shape[2]) and not np.allclose(own, plain)
-    np.testing.assert_allclose(own[5:], together[5:], rtol=0.02)  # the cameras are mended from other frames
+    np.testing.assert_allclose(own[5:], together[5:], rtol=0.02)  # the cameras are refined from other frames
 
 
 @pytest.mark.full
@@ -100,7 +100,7 @@ def interrupt(times: int, table: LiveTable) -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("times", [1, 2])
-def test_interrupted_once_the_result_is_written_and_twice_it_is_told_what_there_is(
+def test_interrupted_once_the_result_is_written_and_twice_it_lists_what_there_is(
     copied: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], times: int
 ) -> None:
     write = LiveTable.write
@@ -117,7 +117,7 @@ def test_interrupted_once_the_result_is_written_and_twice_it_is_told_what_there_
 
 
 @pytest.mark.full
-def test_a_disk_that_is_full_costs_the_table_or_is_told(
+def test_a_disk_that_is_full_costs_the_table_or_is_reported(
     copied: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def full(*given: object) -> None:
@@ -133,7 +133,7 @@ def test_a_disk_that_is_full_costs_the_table_or_is_told(
 
 @pytest.mark.full
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_a_table_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
+def test_a_table_that_cannot_be_begun_is_reported(tmp_path: Path) -> None:
     notes: list[str] = []
     for path in (Path("/dev/full"), tmp_path / "gone" / "a_live.csv"):
         table = LiveTable.__new__(LiveTable)

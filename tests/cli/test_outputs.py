@@ -1,4 +1,4 @@
-"""What is kept when a run, its disk or its picture fails, or somebody ends it."""
+"""Outputs that remain when a run, its disk or its picture fails, or somebody ends it."""
 
 from __future__ import annotations
 

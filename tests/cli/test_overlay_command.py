@@ -64,13 +64,15 @@ def test_the_folder_is_chosen() -> None:
         (["cam=film.mp4", "--output", "nowhere"], 1, "not a folder"),
     ],
 )
-def test_what_does_not_fit_is_told(capsys: pytest.CaptureFixture[str], words: list[str], status: int, expected: str) -> None:
+def test_what_does_not_fit_is_reported(
+    capsys: pytest.CaptureFixture[str], words: list[str], status: int, expected: str
+) -> None:
     assert main(["overlay", "walk.nc", *words]) == status
     assert expected in capsys.readouterr().err
     assert sorted(path.name for path in Path().iterdir()) == ["film.mp4", "walk.nc"]
 
 
-def test_a_video_that_ends_early_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_that_ends_early_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     write_video("short.mp4", [np.full((SIZE[1], SIZE[0], 3), GRAY, np.uint8)] * 2, 10.0)
     assert main(["overlay", "walk.nc", "cam=short.mp4"]) == 1
     assert "short.mp4" in capsys.readouterr().err

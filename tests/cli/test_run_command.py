@@ -66,7 +66,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def exact_evidence() -> float:
-    """Of the Kalman filter, written out for one level seen twice."""
+    """Log-evidence of the Kalman filter, written out for one level seen twice."""
     mean, variance, total, noise = 0.0, 1.0, 0.0, 0.3**2
     for t, row in enumerate(ROWS):
         if t:
@@ -79,7 +79,7 @@ def exact_evidence() -> float:
     return total
 
 
-def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
+def test_a_model_of_ones_own_is_run_smoothed_and_reported(folder, capsys):
     command = ["run", "model.py", "--data", "data.csv", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman"]
     assert main([*command, "--smooth", "rauch-tung-striebel", "--json"]) == 0
     filtered, smoothed = json.loads(capsys.readouterr().out)
@@ -106,7 +106,7 @@ def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
 
 @pytest.mark.full
 def test_forecasts_are_scored_and_compared(folder, capsys):
-    """Of a model that foretells its data, and of one whose noise is far too small."""
+    """Verdicts on a model that predicts its data, and on one whose noise is far too small."""
     command = ["run", "model.py", "--data", "data.csv", "--inputs", "push", "--filter", "kalman", "--hindcast", "2", "-q"]
     for name, noise in (("right", 1.0), ("sure", 0.01)):
         assert main([*command, "--param", f"noise={noise}", "-o", f"{name}.nc"]) == 0
@@ -141,7 +141,7 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
         ),
         (["model.py", "--data", "data.csv", "--param", "noise=1"], "expected --inputs NAME for each column that they read)"),
         (["model.py", "--data", "data.csv", "--inputs", "push"], "expected --param NAME=NUMBER)"),
-        (["model.py:learned", "--data", "data.csv", "--inputs", "push"], "expected --param noise=NUMBER)"),
+        (["model.py:learned", "--data", "data.csv", "--inputs", "push"], "expected --param noise=NUMBER, or --fit FILE"),
         (
             ["model.py:tailed", "--data", "data.csv", "--inputs", "push", "--param", "noise=1", "--filter", "kalman"],
             "--filter kalman: The observation program has no Gaussian moments",
@@ -189,7 +189,7 @@ def test_what_came_of_finite_sites_is_their_probabilities():
     assert told["last frame"]["k_probability"] == last.tolist() and sum(last) == pytest.approx(1.0)
 
 
-def test_a_word_among_numbers_is_told_where_nothing_uses_its_column(folder, capsys):
+def test_a_word_among_numbers_is_reported_where_nothing_uses_its_column(folder, capsys):
     head, first, second, *rows = (folder / "data.csv").read_text().split()
     lines = [f"rain,{head}", f"1.5,{first}", f"l.5,{second}", *(f"2,{row}" for row in rows[:-1]), f"2..,{rows[-1]}"]
     (folder / "rain.csv").write_text("\n".join(lines))

@@ -17,6 +17,7 @@ from waiting import PATIENCE
 from poseppl.cli import main
 from poseppl.cli.files import stem_of
 from poseppl.cli.track_run import Wanted, goes_straight, planned
+from poseppl.motion import track
 from poseppl.motion.io import CameraRecord, open_video, write_cameras
 from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.trc import read_trc
@@ -32,7 +33,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
     told = "".join(capsys.readouterr())
-    assert "keypoints are read for body25b" in told
+    assert "the keypoints have the layout body25b" in told
     assert "its calibration is off by" in told
     assert re.search(r"out.nc: (info|warning|error): .*out-laplace.nc: (info|warning|error): ", told, re.DOTALL)
     tree = load_result("out.nc")
@@ -40,7 +41,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     assert "pose/cam01_json" in provenance(tree)["input"]
     seen, expected = (np.asarray(tree[name].to_numpy()) for name in ("observed_data/points", "summary/points_mean"))
     assert np.nanmedian(np.linalg.norm(seen - expected, axis=-1)) < 20
-    for name in ("out-laplace.trc", "out-laplace_lower.trc", "out-laplace_upper.trc", "out-laplace.mot"):
+    for name in ("out-laplace.trc", "out-laplace_lower.trc", "out-laplace_upper.trc", "out-laplace.mot", "out-laplace.osim"):
         assert name in told and Path(name).is_file()
     smoothed = read_trc("out-laplace.trc")
     np.testing.assert_allclose(smoothed.positions, load_result("out-laplace.nc")["summary/markers_mean"], atol=0.01)
@@ -67,7 +68,7 @@ def test_nobody_needs_a_filter(data_dir: Path, capsys: pytest.CaptureFixture[str
     known = provenance(load_result("out-laplace.nc"))
     assert known["errors"] == "lasting" and "filter" not in known
     assert main(["report", "out-laplace.nc", "-q"]) == 0 and Path("out-laplace.html").is_file()
-    assert read_trc("out-laplace.trc").positions.shape == (4, 17, 3)
+    assert read_trc("out-laplace.trc").positions.shape == (4, 28, 3)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +100,7 @@ def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.Capture
     """One camera does not tell them from how far away the person is: smoothed so, whole bodies are far off."""
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--set", "export=false", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1), *small]) == 0
-    assert "taken to be 1.69 +- 0.09 m tall" in capsys.readouterr().err
+    assert "assumed to be 1.69 ± 0.09 m tall" in capsys.readouterr().err
     best = provenance(load_result("out-assumed-density.nc"))
     assert (best["errors"], best["settings"]["walk"]) == ("independent", "mean-reverting")
 
@@ -117,9 +118,9 @@ def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> N
 @pytest.mark.parametrize(
     ("cameras", "wanted", "expected"),
     [
-        (2, Wanted(), ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot"]),
-        (1, Wanted(), [f"a-assumed-density{end}" for end in (".trc", "_lower.trc", "_upper.trc", ".mot")]),
-        (2, Wanted(smooth="none"), ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot"]),
+        (2, Wanted(), ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot", "a-laplace.osim"]),
+        (1, Wanted(), [f"a-assumed-density{end}" for end in (".trc", "_lower.trc", "_upper.trc", ".mot", ".osim")]),
+        (2, Wanted(smooth="none"), ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot", "a.osim"]),
         (2, Wanted(export=False), []),
     ],
 )
@@ -140,7 +141,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
     script = "import sys; from poseppl.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", script, "track", *words(data_dir, 1, 2, 3, 4), "-q", "-o", "out.nc"]
     subprocess.run(command, check=True, timeout=PATIENCE, env=environment)
-    assert read_trc("out-laplace.trc").positions.shape == (100, 17, 3)
+    assert read_trc("out-laplace.trc").positions.shape == (100, 28, 3)
 
 
 @pytest.mark.full
@@ -163,7 +164,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
         (["--camera", "cam_01:size=544x960", "--camera", "cam_04:size=544x960"], "--camera cam_01:size=1088x1920"),
     ],
 )
-def test_what_does_not_fit_is_told(
+def test_what_does_not_fit_is_reported(
     data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], expected: str
 ) -> None:
     assert main(["track", *words(data_dir, 1, 2), *change, "-o", "out.nc"]) in (1, 2)
@@ -179,3 +180,14 @@ def test_the_calibration_that_the_options_give(tmp_path: Path) -> None:
     assert found.up == "y" and [record.size for record in found.cameras] == [(1920, 1080), (960, 540)]
     np.testing.assert_allclose([record.matrix[0, 0] for record in found.cameras], [900, 450])
     np.testing.assert_allclose(found.cameras[0].rotation @ [1, -3, 2], [1, 2, 3])  # (x, -z, y) of the world is (1, 2, 3)
+
+
+def test_python_tracks_as_the_command_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keypoints of several cameras are smoothed without a filter, unless one is asked for."""
+    source = KeypointSettings({"a": "pose", "b": "pose"}, "rig.toml")
+    monkeypatch.setattr("poseppl.motion.sources.scene_of", lambda *_, **__: "scene")
+    monkeypatch.setattr("poseppl.motion.sources.smooth_recording", lambda *_: "smoothed")
+    monkeypatch.setattr("poseppl.motion.sources.track_scene", lambda *_, **__: "filtered")
+    assert track(source) == "smoothed"
+    assert track(source, TrackSettings(filter="kalman")) == track(source, checkpoint="run") == "filtered"
+    assert track(KeypointSettings({"a": "pose"}, "rig.toml")) == "filtered"

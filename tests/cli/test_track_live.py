@@ -46,7 +46,7 @@ def files(data_dir: Path, frame: int) -> list[Path]:
 
 
 def detect(data_dir: Path, ended: threading.Event) -> None:
-    """Write the files as a detector does, and interrupt the command once it has told of all."""
+    """Write the files as a detector does, and interrupt the command once it has reported all."""
     time.sleep(0.1)
     for frame in range(FRAMES):
         order = list(zip(CAMERAS, files(data_dir, frame), strict=True))
@@ -99,7 +99,7 @@ def test_nothing_comes(options: list[str], capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_lines_that_cannot_be_written_are_told_and_cost_nothing(tmp_path: Path) -> None:
+def test_lines_that_cannot_be_written_are_reported_and_cost_nothing(tmp_path: Path) -> None:
     notes: list[str] = []
     table = LiveTable(tmp_path / "full.csv", 60.0, notes.append)
     estimate = LiveEstimate([3, 4], *np.arange(18.0).reshape(3, 2, 1, 3))
@@ -115,14 +115,14 @@ def test_lines_that_cannot_be_written_are_told_and_cost_nothing(tmp_path: Path) 
     ("change", "expected"),
     [
         (["--frames", "0:5"], "--frames is an option of poseppl track recording and observations and keypoints and points"),
-        (["--camera", "cam_04:offset=3"], "--camera: frames of the same number are of one time"),
+        (["--camera", "cam_04:offset=3"], "--camera: frames with the same number are simultaneous"),
         (["--checkpoint", "run"], "--checkpoint is an option of poseppl track recording"),
         (["--walk", "learned"], "--walk learned needs the whole recording"),
         (["--detector", "deeplabcut"], "--detector: live folders have one file a frame"),
         (["cam_05=cam01"], "no camera 'cam_05' in the calibration"),
     ],
 )
-def test_what_does_not_go_with_it_is_told(
+def test_what_does_not_go_with_it_is_reported(
     options: list[str], capsys: pytest.CaptureFixture[str], change: list[str], expected: str
 ) -> None:
     assert main(["track", *options, *SMALL, *change, "-o", "out.nc"]) in (1, 2)

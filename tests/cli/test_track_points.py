@@ -77,7 +77,7 @@ def test_lengths_have_the_unit_that_is_given(
     [
         (["--skeleton", "none.toml"], "none.toml"),
         (["--skeleton", "legs.toml", "--stature", "1700"], "--stature is an option of poseppl track observations"),
-        (["--camera", "Cam-A:offset=3"], "--camera: frames of the same number are of one time"),
+        (["--camera", "Cam-A:offset=3"], "--camera: frames with the same number are simultaneous"),
         (["--keep", "clocks"], "--keep is an option of poseppl track keypoints"),
         (["--filter", "hmc"], "--filter is an option of poseppl track recording"),
         (["--detector", "sleap"], "Cam-A"),
@@ -86,7 +86,9 @@ def test_lengths_have_the_unit_that_is_given(
         (["Cam-X=legs.toml"], "Cam-X"),
     ],
 )
-def test_what_does_not_fit_is_told(data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], told: str) -> None:
+def test_what_does_not_fit_is_reported(
+    data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], told: str
+) -> None:
     assert main([*words(data_dir), *change, "-o", "out.nc"]) in (1, 2)
     assert told in capsys.readouterr().err
     assert not Path("out.nc").exists()

@@ -83,7 +83,7 @@ def test_stature_of_points(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.full
-def test_points_of_no_body_are_told_briefly(capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_of_no_body_are_reported_briefly(capsys: pytest.CaptureFixture[str]) -> None:
     names = "\t\t\t".join(f"point{number}" for number in range(200))
     head = "PathFileType\t4\nDataRate\tUnits\n50\tmm\n" + f"Frame#\tTime\t{names}\n\tX1\n"
     Path("many.trc").write_text(head + "1\t0.0" + "\t1" * 600 + "\n")

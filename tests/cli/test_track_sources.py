@@ -142,7 +142,7 @@ def test_settings_check_their_values() -> None:
         (lambda: KeypointSettings({}, "c.toml", keep=("times",)), "keep: 'times' (expected one of clocks"),  # type: ignore[arg-type]
         (lambda: KeypointSettings({}, "c.toml", camera={"a": OneCamera(rate=50.0)}), "camera: a camera's rate needs"),
         (lambda: KeypointSettings({}, "c.toml", unit="feet"), "unit: 'feet' (expected mm, cm"),
-        (lambda: PointSettings({}, "c.toml", camera=("a:rate=5",)), "camera: frames of the same number"),
+        (lambda: PointSettings({}, "c.toml", camera=("a:rate=5",)), "camera: frames with the same number"),
         (lambda: VideoSettings(("a.mp4",)), "calibration: no calibration"),
         (lambda: TrackSettings(walk="learnt"), "walk: 'learnt' (expected one of fixed, learned, mean-reverting)"),  # type: ignore[arg-type]
         (lambda: TrackSettings(seed="3"), "seed: '3' (expected 0 to 4294967295)"),  # type: ignore[arg-type]

@@ -65,7 +65,7 @@ def empty(room):
 
 @pytest.fixture(scope="module")
 def tracked(room, tmp_path_factory):
-    """What the command wrote of the two videos."""
+    """Output of the command for the two videos."""
     folder = tmp_path_factory.mktemp("tracked")
     assert main(["track", *map(str, [*videos(room), *empty(room), *FEW, "-o", folder / "seen.nc"])]) == 0
     return folder
@@ -114,7 +114,7 @@ def test_a_smoother_that_fails_costs_no_result(room, tmp_path, capsys):
         (["--smooth", "laplace", "--prior", "walk.nc"], "--smooth does not go with --prior"),
     ],
 )
-def test_smoothing_that_cannot_be_is_told_before(room, capsys, change, words):
+def test_smoothing_that_cannot_be_is_reported_before(room, capsys, change, words):
     status, told = run(capsys, *videos(room), *empty(room), *change)
     assert status in (1, 2) and re.search(words, told), told
 
@@ -147,7 +147,7 @@ def test_the_result_tells_how_silhouettes_were_found(tracked):
         ),
     ],
 )
-def test_what_does_not_fit_is_told(room, tmp_path, capsys, change, words):
+def test_what_does_not_fit_is_reported(room, tmp_path, capsys, change, words):
     status, text = run(capsys, *change(room), *FEW, "-o", tmp_path / "none.nc")
     assert status in (1, 2) and re.search(words, text), text
     assert not list(tmp_path.iterdir())

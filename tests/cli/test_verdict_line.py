@@ -20,7 +20,7 @@ def printed(capsys: pytest.CaptureFixture[str], *, quiet: bool, **arguments: obj
 @pytest.mark.full
 def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     failed, acceptance = np.zeros(60, bool), np.full(60, 0.85)
-    failed[2], acceptance[20] = True, 0.3
+    failed[2], acceptance[20] = True, 0.01
     wrong = {"sample_stats": {"failed": failed, "acceptance_rate": acceptance}}
     line = "error: Data with zero likelihood in frame 12: no draw explains them, and the posterior there is the prediction."
     more = " 1 more in the report: poseppl report run.nc\n"
@@ -35,7 +35,7 @@ NO_PROBLEMS = (
 
 
 @pytest.mark.full
-def test_a_good_run_is_told_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_good_run_is_reported_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed(capsys, quiet=False) == (NO_PROBLEMS, "")
     assert printed(capsys, quiet=True) == ("", "")
 

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 from synthetic import autoregression
 
-from poseppl.diagnostics import LEVELS, coverage, inside_interval, joint_error, probability_transform
+from poseppl.diagnostics import LEVELS, coverage, inside_interval, probability_transform
+from poseppl.motion.measures import joint_error
 
 RNG = np.random.default_rng
 

@@ -61,7 +61,7 @@ def runs(**extra: xr.DataTree) -> dict[str, xr.DataTree]:
     return {"good": result(np.full(10, -1.0), ess, filter="particle"), **extra}
 
 
-def test_differences_beyond_noise_are_told_from_others() -> None:
+def test_differences_beyond_noise_are_distinguished_from_others() -> None:
     ess = np.full(10, 100.0)
     error = np.sqrt(10 * (1 / 100 - 1 / PARTICLES))
     others = {

@@ -20,7 +20,7 @@ from poseppl.runs.simulation import simulate
 @pytest.mark.full
 @pytest.mark.parametrize("noise", [NOWHERE, FAINT, 3.0])
 def test_the_least_inflation_is_at_most_the_true_one_and_most_of_it(noise: float) -> None:
-    """Of 800 sequences of five points; it is of first order in 1 / n, which leaves less than 0.3 of what is beyond 1 out."""
+    """The mean over 800 sequences of five points; the first order in 1 / n leaves out less than 0.3 of the excess over 1."""
     found = [filtered(noise, 0.9, ancestors=5, seed=seed) for seed in range(16)]
     least = np.mean([finite_sample_inflation(each.prediction, each.deviation, 5) for each in found]) - 1
     claimed = np.mean([np.square(each.deviation).sum(0) for each in found])
@@ -35,7 +35,7 @@ def _common(
 ) -> tuple[StatePrediction, np.ndarray, np.ndarray, np.ndarray]:
     """A filter that knows the past by n points, of two coordinates whose difference is seen: checks, draws, P_t, errors^2.
 
-    Of the squares of errors the expectation given the data, which the exact filter tells.
+    Squares of errors are their expectation given the data, from the exact filter.
     """
     A, H, R = 0.98 * np.eye(2), np.array([[1.0, -1.0]]), 0.1
     W = np.array([[5.05, -4.95], [-4.95, 5.05]])  # 10 of the difference, 0.1 of the sum
@@ -72,7 +72,7 @@ def _common(
 
 @pytest.mark.full
 def test_what_coordinates_have_in_common_is_handed_on() -> None:
-    """Data tell four fifths of each of two coordinates, and of their sum nothing, which lasts. Of 600 sequences."""
+    """Data explain four fifths of each of two coordinates, but nothing of their persistent sum. Mean over 600 sequences."""
     rng = np.random.default_rng(0)
     found = [_common(rng, 60) for _ in range(600)]
     told = [
@@ -89,7 +89,7 @@ def test_what_coordinates_have_in_common_is_handed_on() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("chains", "severities"), [(10, ["error"]), (100, [])])
 def test_ten_chains_are_too_few_where_the_past_lasts(chains: int, severities: list[str]) -> None:
-    """Of a slope of 0.98, seen in noise of ten times the step, in thirty frames."""
+    """The slope is 0.98, the noise ten times the step, in thirty frames."""
     model = linear_gaussian(1, A=[[0.98]], Q=[[0.04]], R=[[4.0]]).compile()
     data = jax.tree.map(np.asarray, simulate(model, jax.random.key(0), 30).values)
     filter = hmc_filter(model, chains, HMCSettings(num_updates=10))

@@ -63,7 +63,7 @@ def tree_of(draws):
 
 
 def test_hindcasts_are_scored_by_the_frames_that_they_foretell():
-    """Data that are their own frame's number, foretold exactly one frame ahead and off by one two frames ahead."""
+    """Data that are their own frame's number, predicted exactly one frame ahead and off by one two frames ahead."""
     starts, frames = 30, 32
     data = np.arange(frames, dtype=float)
     data[7] = np.nan
@@ -80,7 +80,7 @@ def test_hindcasts_are_scored_by_the_frames_that_they_foretell():
 
 
 @pytest.mark.parametrize(("step", "severity"), [(1.0, None), (0.3, "error"), (4.0, "warning")])
-def test_a_model_of_the_wrong_step_is_told_by_its_forecasts(step, severity):
+def test_a_model_of_the_wrong_step_is_reported_by_its_forecasts(step, severity):
     """A random walk of steps of 1 that is seen without noise, forecast as one of other steps, up to four frames ahead."""
     rng = np.random.default_rng(5)
     frames, horizon = 204, 4
@@ -98,7 +98,7 @@ def test_a_model_of_the_wrong_step_is_told_by_its_forecasts(step, severity):
 @pytest.mark.full
 @pytest.mark.parametrize(("frames", "horizon"), [(30, 5), (60, 10), (200, 4)])
 def test_right_forecasts_are_let_be(frames, horizon):
-    """Of 200 random walks that are forecast as what they are, at most 5 % are warned of, and of wrong ones the most."""
+    """At most 5 % of 200 random walks with the right forecasts get a warning, and most of the wrong ones."""
     rng, runs = np.random.default_rng(0), 200
     starts = frames - horizon
     walks = rng.standard_normal((frames, runs)).cumsum(0)

@@ -43,6 +43,14 @@ def test_autoregressive_chains_have_their_exact_inefficiency(rho: float) -> None
             assert abs((1 + estimate.mean()) / 2 - exact) > 5 * error + 0.02 * exact
 
 
+@pytest.mark.parametrize(("rho", "shape"), [(0.5, (4, 2500)), (0.9, (4, 2500)), (0.9, (20, 500))])
+def test_the_error_of_tau_is_that_of_replicates(rho: float, shape: tuple[int, int]) -> None:
+    """Within a factor that the replicates' own error, 5 %, leaves clear of a missing 2 or root: Geyer's window is shorter."""
+    found = mixing(autoregression(np.random.default_rng(10), (*shape, 200), rho))
+    windowed, geyer = (estimate.std(ddof=1) / np.median(found.tau_se) for estimate in (found.tau_windowed, found.tau))
+    assert 0.55 < geyer < 1.35 and 0.75 < windowed < 1.15
+
+
 def test_variance_of_a_mean_is_tau_over_n() -> None:
     """Eq. 8 itself: the spread of replicated means, within 5 standard errors of a variance."""
     draws = autoregression(np.random.default_rng(2), (1, 1000, 2000), 0.6)

@@ -17,12 +17,12 @@ GRID = np.linspace(-8.0, 8.0, 801)
 SEEN = np.array([3.0, 2.8, 3.3, 0.2, 3.1, 2.9, 3.2, 3.0])
 """Distances from 0 as they were seen: at the fourth frame the state is near 0, and may leave it to either side."""
 SIDES = np.array([3.0, 2.8, 3.3, -1.0, np.nan, np.nan, np.nan, 3.0])
-"""The state as it was seen, where the side was told."""
+"""The observed state, where the side was observed."""
 FIRST = 40
 
 
 def exact_posteriors() -> np.ndarray:
-    """Filtered probabilities (T, grid) of the mirror model, whose side is told at some frames."""
+    """Filtered probabilities (T, grid) of the mirror model, whose side is observed at some frames."""
 
     def normal(residual: np.ndarray, scale: float) -> np.ndarray:
         return np.exp(-0.5 * (residual / scale) ** 2)
@@ -69,7 +69,7 @@ def test_modes_have_the_exact_probabilities_of_their_sides(mirror) -> None:
     np.testing.assert_allclose(modes.masses.sum(1), 1.0)
 
 
-def test_an_ambiguity_arises_and_is_resolved_when_the_side_is_told(mirror) -> None:
+def test_an_ambiguity_arises_and_is_resolved_when_the_side_is_observed(mirror) -> None:
     exact, tree = mirror
     (found,) = ambiguities(modes_over_time(tree))
     assert found._replace(lesser=0, apart=0) == Ambiguity(FIRST + 4, FIRST + 7, 0, "x", 0)
@@ -89,7 +89,7 @@ def test_halves_of_one_mode_are_not_two(mirror, monkeypatch) -> None:
 
 
 def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
-    """Of chains that mix slowly, of tails that are heavy, of few draws, and of draws that are not finite."""
+    """Chains that mix slowly, heavy tails, few draws, and draws that are not finite."""
     rng = np.random.default_rng(1)
     for _ in range(5):
         noise = rng.normal(size=(20, 30, 51))
@@ -102,7 +102,7 @@ def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
     assert mode_labels(np.zeros((1, 2))).tolist() == [0]
 
 
-def test_modes_of_two_limbs_are_told_apart_with_their_places() -> None:
+def test_modes_of_two_limbs_are_distinguished_with_their_places() -> None:
     rng = np.random.default_rng(2)
     places = np.tile([[0.0, 0.0, 900.0], [200.0, 0.0, 1100.0], [-200.0, 0.0, 1100.0]], (1000, 1, 1))
     right, left = np.split(rng.uniform(size=(2, 1000)), 2)
@@ -111,7 +111,7 @@ def test_modes_of_two_limbs_are_told_apart_with_their_places() -> None:
     places += rng.normal(scale=20.0, size=places.shape)
     names = BodyNames(state_dim=("x",), marker=("pelvis", "wrist_r", "wrist_l"))
     tree = result_of(np.zeros((1000, 1, 1)), extras={"markers": places[None, :, None]}, names=names)
-    modes = modes_over_time(tree)
+    modes = modes_over_time(tree, of="markers")
     np.testing.assert_allclose(modes.masses[0], [0.56, 0.24, 0.14, 0.06], atol=5 * np.sqrt(0.25 / 1000))
     expected = [(-150, 250), (150, 250), (-150, -250), (150, -250)]
     np.testing.assert_allclose(modes.means[0, :, 1:, 1], expected, atol=5 * 20 / np.sqrt(40))

@@ -74,7 +74,7 @@ def test_it_is_the_density_of_each_frame_and_ranks_models():
     assert table.index.tolist() == ["right", "wrong"]
     assert table.loc["wrong", "elpd_diff"] == pytest.approx(apart.sum(), rel=1e-3)
     assert table.loc["wrong", "dse"] == pytest.approx(np.sqrt(len(apart) * apart.var()), rel=1e-3)
-    # by importance weights each precise datum seems to be foretold by itself
+    # by importance weights each precise datum seems to be predicted by itself
     smoothed = poseppl.smooth(results[DECAY], rauch_tung_striebel_smoother(model_of(DECAY)), KEY)
     whole = poseppl.add_predictive(smoothed, model_of(DECAY), KEY)
     with pytest.warns(UserWarning, match="Pareto"):

@@ -89,6 +89,8 @@ def test_chains_that_do_not_agree() -> None:
     for t in range(1, 400):
         slow[:, t] = 0.9 * slow[:, t - 1] + rng.standard_normal(4)
     assert [each.severity for each in check_parameters({"b": slow})] == ["warning"]
+    (alone,) = check_parameters({"b": np.cumsum(slow[:1], 1)})  # one chain: nothing to compare it with, and no warning of NumPy
+    assert alone.severity == "error" and "means and intervals are unusable" in alone.text
 
 
 def test_chains_that_stand_still_or_are_not_finite_are_errors() -> None:

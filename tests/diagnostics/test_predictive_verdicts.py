@@ -188,7 +188,7 @@ def test_autocorrelated_errors_do_not_make_states_under_confident() -> None:
     assert abs(coverage_of_states(prediction, data, truth) - 0.9) < 0.02
 
 
-def test_too_little_to_tell_is_left_untold() -> None:
+def test_too_little_to_tell_is_not_reported() -> None:
     wrong = kalman(walks(PRECISE, 0), PRECISE, step=0.01, narrow=0.25)
     assert check_predictions(DataPrediction(*(leaf[:1] for leaf in wrong))) == []
     unseen = DataPrediction(*(np.full_like(leaf, np.nan) for leaf in wrong))

@@ -12,7 +12,8 @@ from poseppl.cli import main
 from poseppl.cli.console import print_verdict
 from poseppl.cli.remedies import as_option
 from poseppl.diagnostics import Remedy, Verdict, diagnose, verdicts
-from poseppl.diagnostics.verdicts import CHECKS, EXTENSIONS, checks_of
+from poseppl.diagnostics.extensions import EXTENSIONS
+from poseppl.diagnostics.verdicts import CHECKS, checks_of
 from poseppl.motion.verdicts import CHECKS as OF_BODIES
 from poseppl.report import report_html
 from poseppl.runs.results import Names, build_result, save_result
@@ -72,4 +73,4 @@ def test_a_body_has_further_checks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_file_chooses_no_code() -> None:
     """Extensions are those of the table, whatever a result's attributes say."""
     tree = build_result(state=np.zeros((1, 2, 3, 1)), names=Names(("level",)), attrs={"body": "os", "extension": "os"})
-    assert checks_of(tree) is CHECKS and list(EXTENSIONS.values()) == ["poseppl.motion.verdicts"]
+    assert checks_of(tree) is CHECKS and list(EXTENSIONS.values()) == ["poseppl.motion"]

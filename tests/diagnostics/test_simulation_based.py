@@ -55,7 +55,7 @@ def test_too_few_particles_are_noticed(num_particles, right):
 
 
 def test_chance_is_uniform_where_ranks_are():
-    """Of two hundred tests of ranks that are alike within each simulation, one in ten is below a tenth, or fewer."""
+    """At most one in ten of 200 tests of ranks that are alike within each simulation is below a tenth."""
     rng = np.random.default_rng(0)
     chances = [calibration_of(np.repeat(rng.uniform(size=(40, 1, 1)), 30, 1), ("x",)).chance for _ in range(200)]
     assert np.mean(np.array(chances) < 0.1) < 0.1 + 4 * np.sqrt(0.09 / 200)
@@ -67,7 +67,7 @@ def test_chance_is_uniform_where_ranks_are():
 
 
 def test_many_coordinates_are_judged_together():
-    """Of two hundred tests of twenty coordinates no more than one in ten is below a tenth; each alone would accuse most."""
+    """At most one in ten of 200 tests of twenty coordinates is below a tenth; single tests would reject most."""
     rng = np.random.default_rng(1)
     names = tuple(map(str, range(20)))
     chances = [calibration_of(rng.uniform(size=(40, 1, 20)), names).chance for _ in range(200)]
@@ -98,7 +98,7 @@ def parameters():
 
 
 def exact_posterior(rng_key, data, scale=1.0):
-    """Of the offset, in closed form: data are the offset plus correlated errors."""
+    """Posterior of the offset, in closed form: data are the offset plus correlated errors."""
     times = np.arange(FRAMES)
     covariance = 1 + 0.09 * np.minimum(times[:, None], times) + 0.25 * np.eye(FRAMES)
     precision = 1 + np.linalg.inv(covariance).sum()

@@ -35,7 +35,7 @@ def filtered(seed: int, *, shift: float = 0.0, narrow: float = 1.0) -> Filtered:
     """A Kalman filter of a point that turns, of which one coordinate is seen.
 
     Args:
-        seed: Of the data.
+        seed: Seed of the data.
         shift: Standard deviations by which each update's mean is off.
         narrow: Factor of each update's covariance.
     """
@@ -89,7 +89,7 @@ def test_intervals_of_exact_updates_hold_what_they_say() -> None:
 
 
 def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
-    """Of masses 0.8 and 0.2: its mean and variance are right, and its 90 % intervals hold the first mode alone."""
+    """Two modes with masses 0.8 and 0.2: mean and variance are right, and 90 % intervals contain the first mode alone."""
     rng = np.random.default_rng(3)
     told = []
     for _ in range(FRAMES):
@@ -129,7 +129,7 @@ def test_updates_that_are_always_off_or_too_sure_are_an_error(wrong: dict[str, f
 
 
 def test_a_displacement_in_one_stretch_is_let_be() -> None:
-    """It may be the data's chance; more than simulated chance as it is, batches of frames do not agree upon it."""
+    """The cause may be chance in the data: it exceeds simulated chance, but batches of frames do not agree upon it."""
     run = filtered(0)
     mean = run.mean.copy()
     mean[20:24] += 3 * run.deviation[20:24]
@@ -151,7 +151,7 @@ def test_frames_of_few_effective_draws_tell_nothing() -> None:
 
 
 @pytest.mark.full
-def test_a_result_is_judged_where_its_updates_are_told() -> None:
+def test_a_result_is_judged_where_its_updates_are_reported() -> None:
     for shift, severity in ((0.0, "info"), (0.3, "error")):
         run = filtered(1, shift=shift)
         draws = run.mean + run.deviation * np.random.default_rng(0).standard_normal((4, 50, FRAMES, 2))

@@ -53,10 +53,13 @@ def test_a_coordinate_that_mixes_badly_is_named_with_its_frames() -> None:
 
 def test_failures_and_rejection_by_frame() -> None:
     failed, acceptance = np.zeros(24, bool), np.full(24, 0.85)
-    failed[2], acceptance[20:22] = True, 0.3
-    texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
+    failed[2], acceptance[20:22] = True, 0.01
+    gradients = np.full(24, 3200)
+    stats = {"failed": failed, "acceptance_rate": acceptance, "num_gradient": gradients}
+    texts = _texts(synthetic_result(sample_stats=stats))
     assert texts.startswith("error: Data with zero likelihood in frame 12:")
-    assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size, or raise target_acceptance." in texts
+    words = "Rejection rate up to 99 % in frames 30-31: the step size is too large; at 35 % (HMC) there would be about"
+    assert words in texts and "lower step_size, or raise target_acceptance." in texts
     assert "No problems" not in texts
 
 
@@ -87,7 +90,7 @@ def test_disagreement_of_chains_is_graded_by_its_share(apart: float, frames: int
     state[0, :, :frames] += 2 * apart
     state[1, :, :frames] -= 2 * apart
     tree = diagnose(build_result(state=state, names=Names(("hip", "knee")), frames=np.arange(60)))
-    assert (f"{severity}: R-hat above 1.2 in {100 * frames / 60:.2g} %" in _texts(tree)) == bool(severity)
+    assert (f"{severity}: R-hat above 1.2 in {float(f'{100 * frames / 60:.2g}'):g} %" in _texts(tree)) == bool(severity)
     assert ("R-hat" in _texts(tree)) == bool(severity)
 
 

@@ -110,13 +110,13 @@ def silhouettes_tree(
 def kalman_tree(
     *, noise: np.ndarray | float = 3.0, told: np.ndarray | float = 3.0, walk: float = 1.0, told_walk: float = 1.0
 ) -> xr.DataTree:
-    """A Kalman filter on points that a random walk's coordinates move linearly, told a noise and a walk that may be wrong.
+    """A Kalman filter on points that a random walk's coordinates move linearly, with a noise and a walk that may be wrong.
 
     Args:
-        noise: Of the points, by camera and marker.
-        told: What the filter takes it for.
+        noise: Noise of the points, by camera and marker.
+        told: The filter's value of it.
         walk: Standard deviation of the coordinates' steps.
-        told_walk: What the filter takes it for.
+        told_walk: The filter's value of it.
     """
     rng = np.random.default_rng(4)
     frames, dofs, shape = 400, len(DOFS), (len(CAMERAS), len(MARKERS), 2)

@@ -1,4 +1,4 @@
-"""What the page says of compilation follows from the runs."""
+"""The page's statements about compilation follow from the runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says of fast motion follows from the runs."""
+"""The page's statements about fast motion follow from the runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def told(coverage: float = 0.9, **learned: list[float]) -> list[str]:
     return fast_motion.fast_motion({"fast_motion": Table("", COLUMNS, rows)}).splitlines()
 
 
-def test_modes_of_a_recording_are_told_in_one_row() -> None:
+def test_modes_of_a_recording_are_reported_in_one_row() -> None:
     columns = ("recording", "frames", "seed", "mass", "from_truth", "from_filter")
     rows = [("a", 25, 0, -3.4, 30.0, 50.0), ("b", 9, 0, 1.0, 7.0, 8.0), ("a", 25, 1, 2.6, 31.0, 52.0)]
     found = fast_motion.fast_motion_modes({"fast_motion_modes": Table("", columns, rows)}).splitlines()

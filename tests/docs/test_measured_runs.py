@@ -1,4 +1,4 @@
-"""What the pages say of runs of predictive checks and of random walks follows from the runs."""
+"""The pages' statements about predictive checks and random walks follow from the runs."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ ERRORS = {"second": [10.0, 20.0, 30.0], "learned": [9.0, 18.0, 24.0]}
 
 
 @pytest.mark.full
-def test_coverage_and_errors_are_told_by_recording():
+def test_coverage_and_errors_are_reported_by_recording():
     columns = ("recording", "rate", "cameras", "walk", "frames", "seed", "error", "coverage")
     rows = [("02_01", 120, 2, walk, 100, 0, error, 0.7) for walk, error in (("frame", 57), ("second", 39), ("learned", 29))]
     found = walks.random_walks({"random_walk": Table("", columns, rows)}).splitlines()

@@ -1,4 +1,4 @@
-"""What the page says of other libraries for motion: which errors are the smallest, counted anew from the table."""
+"""The page's statements about other libraries for motion: the smallest errors, counted again from the table."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_the_page_counts_the_smallest_errors():
 
 @pytest.mark.full
 @pytest.mark.parametrize(("factor", "number"), [(0.1, 12), (10.0, 0)])
-def test_smaller_and_larger_errors_would_be_told(factor, number):
+def test_smaller_and_larger_errors_would_be_reported(factor, number):
     places = [TABLE.columns.index(name) for name in motion_peers.MEASURES]
     rows = [
         tuple(factor * value if index in places and row[1].startswith("poseppl") else value for index, value in enumerate(row))

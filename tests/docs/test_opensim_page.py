@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from poseppl_models.bodies.choo_fleet import full_body
+from poseppl_models.bodies.footed import footed_body
 
 from poseppl.motion.bodies.opensim import opensim_coordinates
 
@@ -18,6 +18,6 @@ def test_the_table_of_coordinates() -> None:
     rows = [line for line in PAGE.read_text().splitlines() if line.startswith("| `") and line.count("|") == 5]
     expected = [
         f"| `{each.name}` | {each.meaning} | {each.unit} | {', '.join(f'`{joint}`' for joint in each.joints)} |"
-        for each in opensim_coordinates(full_body())
+        for each in opensim_coordinates(footed_body())
     ]
     assert rows == expected

@@ -1,4 +1,4 @@
-"""What the page says of a learned prior follows from the runs."""
+"""The page's statements about a learned prior follow from the runs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_other_motion_is_noticed_or_mistaken() -> None:
 
 
 @pytest.mark.full
-def test_the_overlap_of_silhouettes_tells_of_other_motion() -> None:
+def test_the_overlap_of_silhouettes_reports_other_motion() -> None:
     words = {"05_01": "none", "07_08": "warning", "02_03": "error"}
     rows = [(*row, words[str(row[0])]) for row in rows_of(0.9, 0.8) if row[1] != "default"]
     table = Table("", (*COLUMNS, "overlap"), rows)

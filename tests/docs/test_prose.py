@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from prose import findings, markdown_of
+from prose import findings, markdown_of, prose_of
 
 PAGE = (
     """# The user is told in a heading
@@ -40,3 +40,28 @@ def test_text_cells_of_notebooks_keep_their_lines() -> None:
     script = "# %% [markdown]\n# Errors are mended.\n\n# %%\ntold = 1  # told\n"
     assert markdown_of(script).split("\n") == ["", "Errors are mended.", "", "", ""]
     assert [number for number, _ in findings(markdown_of(script))] == [2]
+
+
+MODULE = '''"""Errors are mended.
+
+    mended = mended        formula
+
+Args:
+    error: Of the data, mended.
+"""
+
+told = "told"  # told
+
+
+def told():
+    """Who is it? It is mended.
+
+    >>> told()
+    'told'
+    """
+'''
+
+
+def test_docstrings_and_comments_of_modules_keep_their_lines() -> None:
+    found = [(number, problem.split(":")[0]) for number, problem in findings(prose_of(MODULE))]
+    assert found == [(1, "'mended'"), (6, "'mended'"), (6, "subject first"), (9, "'told'"), (13, "'mended'")]

@@ -1,4 +1,4 @@
-"""What the page says of simulated keypoints and of ranks follows from the runs."""
+"""The page's statements about simulated keypoints and ranks follow from the runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LIMBS = ("recording", "cameras", "case", "aligned", "exchanged", "found", "false
 
 
 def page(errors: list[float], held: list[float]) -> str:
-    """Recordings with these errors of one angle that is told, beside one that is not and one that cannot move."""
+    """Recordings with these errors of one determined angle, beside one that is not determined and one that cannot move."""
     rows, limbs = [], []
     for number, (error, share) in enumerate(zip(errors, held, strict=True)):
         key = (f"walk {number}", 4, "no clutter")
@@ -62,7 +62,7 @@ def test_ranks_are_judged_by_their_chance(smoother, chance, ece, told):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("mended", "lost", "verdict"), [(0, 0, "holds"), (1, 0, "does not hold"), (0, 1, "does not hold")])
-def test_clocks_that_are_right_are_not_to_be_mended(mended, lost, verdict):
+def test_clocks_that_are_right_are_not_to_be_corrected(mended, lost, verdict):
     columns = ("recording", "clutter", "calibration", "offset", "deviation", "held", "mended", "lost")
     rows = [("a", "no", "0", 0.2, 0.1, 2, 0, 0), ("b", "no", "0", 0.4, 0.1, 3, mended, lost)]
     found = clocks({"simulated_clocks": Table("", columns, rows)})

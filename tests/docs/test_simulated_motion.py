@@ -1,4 +1,4 @@
-"""What the page says of simulated motion follows from the rows."""
+"""The page's statements about simulated motion follow from the rows."""
 
 from __future__ import annotations
 

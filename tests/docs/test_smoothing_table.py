@@ -1,4 +1,4 @@
-"""What the page says of smoothing follows from the runs."""
+"""The page's statements about smoothing follow from the runs."""
 
 from __future__ import annotations
 

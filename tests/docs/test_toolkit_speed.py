@@ -1,4 +1,4 @@
-"""What the page says of the toolkit's speed follows from the table."""
+"""The page's statements about the toolkit's speed follow from the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the documentation says of claims and goals is what its committed tables say."""
+"""The documentation's statements about claims and goals are those of its committed tables."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_an_experiments_page_says_what_its_tables_say(experiment):
 
 
 KEYS = {"dimension", "particles", "frames", "cameras", "exponent", "run", "evaluations", "seed", "rate", "pose", "starts"}
-KEYS |= {"temperature", "sequence"}
+KEYS |= {"temperature", "sequence", "held_out", "person", "coordinates", "rank", "strike_share"}
 UNSHOWN = {"weighted_relative", "weighted_relative_sd", "weight", "weight_sd", "failed", "seconds"}
 
 
@@ -95,7 +95,7 @@ class Watched(dict[str, Table]):
 
 @cache
 def parts() -> list[tuple[Callable[[dict[str, Table]], str], set[str], str]]:
-    """What pages are made of: functions of tables, the tables that each asks for, and what it says."""
+    """Parts of pages: functions of tables, the tables that each needs, and its text."""
     makers: list[Callable[[dict[str, Table]], str]] = [maker for page in SECTIONS.values() for maker in page.values()]
     for experiment in experiments():
         name = experiment.name
@@ -115,7 +115,8 @@ def says_the_same(name: str, tables: dict[str, Table]) -> bool:
 
 
 SHOWN_WHOLE = {f"{experiment.name}/{name}" for experiment in experiments() for name in experiment.shown}
-DRAWN = {f"choo-fleet-2001/{name}" for name in ("variances", "sequence", "autocorrelation", "burn_in", "tuning")}
+_IN_FIGURES = ("variances", "coordinates", "sequence", "autocorrelation", "burn_in", "tuning")
+DRAWN = {f"choo-fleet-2001/{name}" for name in _IN_FIGURES}
 """Tables whose rows are too many for the page, which shows them in figures."""
 
 

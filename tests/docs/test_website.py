@@ -7,20 +7,18 @@ from pathlib import Path
 import pytest
 from website.algorithms import algorithms, fields_of, glance
 from website.check import faults
-from website.commands import commands, page as commands_page
+from website.commands import contexts, page as commands_page
 from website.contents import index
 from website.docstrings import marked_up
 from website.markup import plain
 from website.modules import PACKAGES, all_modules, exports
 from website.tree import relinked
 
-from poseppl.cli import cli
-
 GOOD = "<html><head><title>A page</title></head><body><h1 id='a'>A</h1>{}</body></html>"
 
 
 def site(folder: Path, **bodies: str) -> list[str]:
-    """What is wrong with a site of such pages."""
+    """Problems of a site of such pages."""
     for name, body in bodies.items():
         (folder / f"{name}.html").write_text(GOOD.format(body), encoding="utf-8")
     return faults(folder)
@@ -71,7 +69,7 @@ def test_every_page_is_in_the_contents_once() -> None:
 
 def test_every_command_has_a_section_with_its_options() -> None:
     text = commands_page()
-    assert all(f"\n## {name}\n" in text for name, _ in commands(cli, "poseppl"))
+    assert all(f"\n## {each.command_path}\n" in text for each in contexts())
     assert "## poseppl run\n" in text and "--filter" in text
 
 

@@ -33,7 +33,7 @@ from poseppl.motion.io.opencv_yaml import read_opencv_yaml
 
 RECORD = {"version": 1}
 _DOUBLED = b")" + b"2\x86" * 60
-"""Of a pickle: a tuple of two tuples of two tuples ..., 2^60 in all."""
+"""Bomb of a pickle: a tuple of two tuples of two tuples ..., 2^60 in all."""
 _HASHED = b"\x80\x02}" + _DOUBLED + b"K\x01s."
 _TEXT = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000
 _COPIED = b"\x80\x03]c_codecs\nencode\nq\0" + _TEXT + b"X\6\0\0\0latin1\x86q\x0100(" + b"h\0h\1R" * 5_000 + b"e."

@@ -38,7 +38,7 @@ def moments(model, built, data):
 
 
 @pytest.mark.full
-def test_a_site_that_is_drawn_anew_in_each_frame_agrees_with_kalman():
+def test_a_site_that_is_drawn_independently_in_each_frame_agrees_with_kalman():
     model = poseppl.StateSpaceModel(initial, transition, observation).compile()
     data = {"y": np.random.default_rng(0).normal(size=(NUM_FRAMES, 2))}
     exact = poseppl.infer(model, data, poseppl.kalman_filter(model), jax.random.key(0))["summary"]
@@ -53,7 +53,7 @@ def test_a_site_that_is_drawn_anew_in_each_frame_agrees_with_kalman():
 
 
 def test_covariances_of_few_draws_are_known_to_be_of_few():
-    """Of 30 chains of independent draws; of a few chains that stand still no fewer than leave the density an integral."""
+    """30 chains of independent draws; a few chains that do not move count at least as many as the density needs an integral."""
     draws = jax.random.normal(jax.random.key(0), (200, 20, 5))
     # the variance of 200 means is known to 10 %, the mean over five coordinates to 4.5 %
     assert float(draws_of_covariances(draws)) == pytest.approx(4000, rel=5 * 0.045)

@@ -14,9 +14,10 @@ from poseppl_models.toys.growth import growth
 
 from poseppl.filters import hidden_markov_filter
 from poseppl.filters.hidden_markov import state_values
+from poseppl.filters.scan import scan_filter
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import run_filter
-from poseppl.smoothers import collect_history
+from poseppl.smoothers import collect_history, forward_backward_smoother
 
 RNG = np.random.default_rng(5)
 FIVE = (RNG.dirichlet(np.ones(5)), RNG.dirichlet(np.ones(5), 5), RNG.dirichlet(np.ones(3), 5))
@@ -55,3 +56,42 @@ def test_values_of_several_sites():
 def test_continuous_states_are_refused():
     with pytest.raises(ValueError, match="'x'.*particle filter"):
         hidden_markov_filter(growth().compile(1.0))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("matrices", [TWO_STATES, FIVE], ids=["two", "five"])
+def test_in_parallel_it_is_forward_and_backward(matrices):
+    """Filter, evidence and smoother against the oracle, with a frame without data, in both precisions."""
+    symbols = RNG.integers(0, 3, 12)
+    seen = np.arange(12) != 4
+    filtered, smoothed, increments = forward_backward(*matrices, np.where(seen, symbols, -1))
+    for double in (False, True):
+        with jax.enable_x64(double):
+            model = finite_hmm(*matrices).compile()
+            observations = model.observe({"y": symbols.astype(np.int32)}, {"y": seen})
+            built = hidden_markov_filter(model, schedule="parallel")
+            history = scan_filter(built, jax.random.key(0), observations, collect=collect_history).outputs
+            found = scan_filter(built, jax.random.key(0), observations).outputs.log_evidence
+            after = forward_backward_smoother(model, parallel=True).smooth(jax.random.key(0), history, observations)
+        tolerance = 1e-12 if double else 2e-6
+        np.testing.assert_allclose(np.exp(np.asarray(history.log_weights)), filtered, atol=tolerance)
+        np.testing.assert_allclose(found, increments, atol=5 * tolerance)
+        np.testing.assert_allclose(np.exp(np.asarray(after.log_weights)), smoothed, atol=tolerance)
+
+
+@pytest.mark.full
+def test_long_series_in_parallel_neither_vanish_nor_lose_digits():
+    """20,000 frames, whose likelihood float32 knows only as a logarithm; impossible data are reported."""
+    model = finite_hmm(*TWO_STATES).compile()
+    symbols = RNG.integers(0, 2, 20_000).astype(np.int32)
+    observations = model.observe({"y": symbols})
+    runs = [
+        scan_filter(hidden_markov_filter(model, schedule=schedule), jax.random.key(0), observations).outputs
+        for schedule in ("sequential", "parallel")
+    ]
+    np.testing.assert_allclose(runs[0].log_evidence, runs[1].log_evidence, atol=1e-5)
+    never = (np.array([0.5, 0.5]), np.eye(2), np.eye(2))
+    stuck = finite_hmm(*never).compile()
+    data = stuck.observe({"y": np.array([0, 1, 1], np.int32)})
+    info = scan_filter(hidden_markov_filter(stuck, schedule="parallel"), jax.random.key(0), data).outputs
+    assert info.failed.tolist()[:2] == [False, True] and np.isneginf(info.log_evidence[1])

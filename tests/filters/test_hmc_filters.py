@@ -69,7 +69,7 @@ def arm_reference():
 
 
 def errors_of(state, reference):
-    """Of the chains' first and second moments, in standard errors of both."""
+    """Differences of the chains' first and second moments, in standard errors of both."""
     mean, standard_error = reference
     chains = np.asarray(state.particles, float)
     means = np.concatenate([chains, chains**2], -1).mean(1)
@@ -151,7 +151,7 @@ def test_mixture_prior_keeps_to_kalman():
 
 
 @pytest.mark.slow
-def test_a_broken_state_does_not_begin_anew():
+def test_a_broken_state_does_not_begin_again():
     posed = problem()
     filter = assumed_density_filter(posed.model, 4, SHORT, num_starts=4)
     data = posed.at(1)

@@ -1,7 +1,7 @@
-"""What is done about covariances of few draws: without it variances shrink from frame to frame.
+"""Correction of covariances from few draws: without it variances shrink from frame to frame.
 
-On a linear Gaussian model whose state hardly moves, a covariance estimated from few draws makes a prior too sure of itself,
-and the posterior is the prior of the next frame. Kalman's filter knows the variances that should be had.
+The model is linear and Gaussian, and its state hardly moves. A covariance estimated from few draws makes an overconfident
+prior, and the posterior is the prior of the next frame. Kalman's filter has the right variances.
 """
 
 from __future__ import annotations

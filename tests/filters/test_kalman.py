@@ -80,10 +80,10 @@ def test_gradient_by_the_transition_parameters_equals_finite_differences(lineari
 
 
 @pytest.mark.full
-def test_a_broken_state_does_not_begin_anew():
+def test_a_broken_state_does_not_begin_again():
     filter = kalman_filter(POSED.model, 5)
     state, _ = filter.init(jax.random.key(0), *POSED.at(0))
-    broken = state._replace(posterior=RootGaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
+    broken = state._replace(joint=RootGaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
     after, info = filter.step(jax.random.key(0), broken, *POSED.at(1))
     assert info.failed and np.isnan(after.particles).all()
 
@@ -123,7 +123,7 @@ def test_drawn_trajectories_have_the_smoothed_moments():
 
 
 def test_summaries_of_gaussians_are_those_of_the_formula():
-    """Of their draws they have an error of 3 %."""
+    """Quantiles of their draws have an error of 3 %."""
     result = poseppl.infer(POSED.model, VALUES, kalman_filter, KEY, POSED.inputs)
     smoothed = poseppl.smooth(result, rauch_tung_striebel_smoother(POSED.model), KEY, inputs=POSED.inputs)
     for told, (means, covariances) in ((result, POSED.exact[:2]), (smoothed, dense_posterior())):

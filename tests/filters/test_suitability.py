@@ -71,7 +71,7 @@ def test_intervals_of_a_seeker_of_modes_mean_nothing_whatever_the_data(filter: s
 
 
 @pytest.mark.slow
-def test_only_smoothers_that_draw_anew_are_right_after_a_seeker_of_modes() -> None:
+def test_only_smoothers_that_draw_again_are_right_after_a_seeker_of_modes() -> None:
     model = linear_gaussian(1).compile()
     data = jax.tree.map(np.asarray, simulate(model, jax.random.key(0), 5).values)
     result = infer(model, data, lambda model: annealed_filter(model, 100), jax.random.key(1))

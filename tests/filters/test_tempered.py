@@ -175,7 +175,7 @@ def test_learning_from_the_particles_biases_the_evidence_little():
 
 @pytest.mark.slow
 def test_precise_data_in_ten_dimensions():
-    """Where the particle filter has a handful of particles left, the tempered one has the log-evidence to about one."""
+    """With a handful of particles left in the particle filter, the tempered one has the log-evidence to about one."""
     model = linear_gaussian(10, R=0.01 * np.eye(10)).compile()
     observation = model.observe({"y": np.full((1, 10), 1.5)})
     one = frame(observation, 0)
@@ -240,7 +240,7 @@ def test_the_effective_number_is_what_means_of_runs_differ_by(step_size, low, hi
     assert 0.5 < told / differ < 2.5
 
 
-def test_draws_stay_with_the_ancestors_that_they_are_told_of():
+def test_draws_stay_with_the_ancestors_that_they_are_given():
     """Each prior is a narrow Gaussian about its own context; a chain of five states stays with the one where it began."""
     contexts = 10.0 * jnp.arange(NUM)[:, None]
 
@@ -268,7 +268,7 @@ def test_the_effective_number_that_is_asked_for_is_a_share_of_what_is_possible()
 
 @pytest.mark.parametrize("given_ancestor", [True, False])
 def test_the_scale_of_moves_is_the_covariance_of_the_prior(given_ancestor):
-    """Of 20,000 draws about ancestors that are far apart, or about none."""
+    """20,000 draws about ancestors that are far apart, or about none."""
     root = np.array([[1.0, 0.0], [0.8, 0.5]])
     centres = 50.0 * jax.random.normal(jax.random.key(3), (20_000, 2)) if given_ancestor else jnp.zeros((20_000, 2))
 

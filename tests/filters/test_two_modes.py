@@ -81,7 +81,7 @@ def test_a_mode_weighs_its_mass_however_many_chains_it_got(lesser):
 @pytest.mark.full
 @pytest.mark.parametrize(("power", "expected"), [(1.0, 0.1), (0.75, 0.1614), (0.5, 0.25), (0.0, 0.5)])
 def test_a_smaller_power_gives_a_lesser_mode_more_chains_and_the_same_weight(power, expected):
-    """Of 0.1 and 0.9: shares of 0.1^a / (0.1^a + 0.9^a), to within a chain; without the power all would have the first."""
+    """Masses 0.1 and 0.9: shares of 0.1^a / (0.1^a + 0.9^a), to within a chain; without the power all would have the first."""
     modes = laplace([-10.0, 10.0], np.log([0.9, 0.1]))
     chosen, log_weights = mode_chains.allocate_chains(jax.random.key(0), modes, 1000, power)
     assert abs((chosen == 1).sum() / 1000 - expected) < 2e-3

@@ -90,7 +90,7 @@ def slow_problem(num_frames=9):
 
 @cache
 def last_window(*, twice=False):
-    """Of 40 runs the means (40, W, 1) and variances (40, W) of the last window's frames."""
+    """Means (40, W, 1) and variances (40, W) of the last window's frames, for 40 runs."""
     posed = slow_problem()
     built = window_filter(posed.model, 60, window=WINDOW, num_starts=4)
     filter_ = counting_twice(posed.model, built) if twice else built
@@ -188,7 +188,7 @@ def test_numbers_out_of_range_are_refused():
 
 
 def test_pasts_that_are_moved_lead_to_the_newest_state():
-    """Every other past is a trajectory as it is; the rest are moved so that the transition's mean is the newest state."""
+    """Every other past is an unchanged trajectory; the rest are moved so that the transition's mean is the newest state."""
     matrices = linear_gaussian_matrices(2, A=np.eye(2))
     model = linear_gaussian_model(matrices).compile()
     trajectories = jax.random.normal(jax.random.key(0), (4, 5, 3, 2))

@@ -15,7 +15,7 @@ from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_p
 @pytest.mark.full
 @pytest.mark.parametrize("frames", [1, 4])
 def test_a_linear_prior_has_its_hessian_and_gradient(frames):
-    """Of a transition that is not symmetric, at states that are not its mean."""
+    """A transition that is not symmetric, at states that are not its mean."""
     matrices = linear_gaussian_matrices(2, A=[[0.9, 0.5], [-0.3, 0.7]], Q=[[0.3, 0.1], [0.1, 0.2]], m=[1.0, -2.0])
     model = linear_gaussian_model(matrices).compile()
     states = jnp.asarray(np.random.default_rng(0).normal(size=(frames, 2)))

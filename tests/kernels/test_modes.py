@@ -67,7 +67,7 @@ def test_whitening_makes_the_precision_the_identity():
 
 @pytest.mark.full
 def test_climbers_that_came_to_one_mode_share_its_mass():
-    """Otherwise a mode counts as often as it is found: here the left one three times."""
+    """Otherwise a mode would count once for each search that finds it: here the left one three times."""
     log_density, curvature = square_problem()
     starts = jnp.array([[-1.0], [-2.5], [-3.0], [3.0]])
     modes = find_modes(starts, log_density, curvature, 12)

@@ -57,7 +57,7 @@ def test_members_keep_their_conditional_density_and_the_step_adapts(population, 
         starts = evaluate(*population, log_density, settings)
         transform = whitening_from_gradients(starts._replace(gradients=(population[1] - population[0]) @ PRECISION))
         return move_population(
-            jax.random.split(rng_key, 20), starts, log_density, transform, jnp.log(0.1), settings._replace(num_moves=20)
+            jax.random.split(rng_key, NUM), starts, log_density, transform, jnp.log(0.1), settings._replace(num_moves=20)
         )
 
     moved = jax.jit(run)(jax.random.key(1))

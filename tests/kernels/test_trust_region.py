@@ -50,7 +50,7 @@ def least_squares_problem(seed):
 @pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_bounded_least_squares_are_scipys(dtype):
-    """Of trf with the same bounds, coordinates differing in scale by up to 10^4; some bounds are active in every problem."""
+    """SciPy's trf with the same bounds and scales that differ by up to 10^4; some bounds are active in every problem."""
     active = 0
     for seed in range(12):
         data, low, high = least_squares_problem(seed)

@@ -113,7 +113,7 @@ def moments(states, centres):
 
 
 def independent(one, number, seed=0):
-    """What ``one`` returns for each of so many keys, in one program."""
+    """Values of ``one`` for this number of keys, in one program."""
     return jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(seed), number))
 
 

@@ -13,14 +13,14 @@ import jax.numpy as jnp
 
 
 class Mistakes(NamedTuple):
-    """What goes wrong, of a filter or of a smoother; 0 is right.
+    """Mistakes of a filter or of a smoother; 0 is right.
 
     Attributes:
         late_data: Every frame has the data, and the filter's weights, of so many frames before.
         late_inputs: Every frame has the inputs of so many frames before.
         late_evidence: Every frame has the evidence of so many frames before.
-        late_states: Every frame is told the states of so many frames before; a filter's go on as they should.
-        flat: 1 forgets the filter's weights, in what is told and in the next step.
+        late_states: Every frame reports the states of this number of frames before; the filter itself continues correctly.
+        flat: 1 forgets the filter's weights, in the output and in the next step.
         filtered: 1 tells the filter's particles and weights as smoothed ones.
         data: How many more times the data of a frame count.
         initial: How many more times the initial density counts.

@@ -49,7 +49,7 @@ def powered(matrices):
 
 
 def misinformed(mistakes, model, history, observations, inputs):
-    """What a smoother is given: `(history, observations, inputs)`."""
+    """Arguments of a smoother: `(history, observations, inputs)`."""
     log_weights = history.log_weights
     if isinstance(inputs, Given):
         last = jax.tree.map(lambda leaf: leaf[-1], (observations, inputs))

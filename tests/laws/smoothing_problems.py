@@ -86,7 +86,7 @@ def smoothed_chain(dimension: int, num_frames: int) -> Smoothing:
 
 
 def markov_problem(num_states: int) -> Smoothing:
-    """A hidden Markov chain of sticky states, told apart by one of four symbols each; a symbol in the middle is missing."""
+    """A hidden Markov chain of sticky states, each with one of four symbols; a symbol in the middle is missing."""
     if num_states == 2:
         initial, transition, emission = TWO_STATES
     else:
@@ -114,7 +114,7 @@ def growth_problem() -> Smoothing:
 
 
 def filtered_history(rng_key, posed, num_particles):
-    """What a particle filter leaves: `History` of all frames, its data as the driver hands them to a smoother."""
+    """Record of a particle filter: `History` of all frames, with its data as the driver passes them to a smoother."""
     filter_ = particle_filter(posed.model, num_particles)
     num_frames = posed.means.shape[0]
     inputs = jnp.zeros(num_frames) if posed.inputs is None else posed.inputs

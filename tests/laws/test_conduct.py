@@ -31,7 +31,7 @@ def test_parameters_have_the_common_names_and_order(row):
 
 
 def shapes_of(row, posed):
-    """Of state and info at the first and the second frame."""
+    """Shapes and dtypes of state and info at the first and the second frame."""
     built, key = row.build(posed.model), jax.random.key(0)
     first = jax.eval_shape(built.init, key, *posed.at(0))
     return first, jax.eval_shape(built.step, key, first[0], *posed.at(1))

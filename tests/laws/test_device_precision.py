@@ -96,9 +96,8 @@ def moved(moves):
 
     def run(positions):
         starts = evaluate(positions, positions + 1, log_density, moves)
-        return move_population(
-            jax.random.split(KEY, 2), starts, log_density, whitening_from_gradients(starts), jnp.log(0.1), moves
-        )
+        keys = jax.random.split(KEY, len(positions))
+        return move_population(keys, starts, log_density, whitening_from_gradients(starts), jnp.log(0.1), moves)
 
     return run
 

@@ -67,7 +67,7 @@ def test_means_and_covariances_are_kalmans(row):
 
 @consistent_filters
 def test_after_an_impossible_frame_all_is_as_if_nothing_had_been_seen_in_it(row):
-    """What comes after is Kalman's without the data of that frame."""
+    """Later frames agree with Kalman's filter without the data of that frame."""
     check_impossible(built(row), POSED, REPLICATES)
 
 

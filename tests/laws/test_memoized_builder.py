@@ -34,8 +34,8 @@ def test_equal_settings_give_the_same_object_which_knows_its_model(row):
 
 
 @rows(FILTERS, is_first)
-def test_what_jax_traces_is_built_anew(row):
-    """What is built while a function is traced may hold its tracers, which must not be met again."""
+def test_what_jax_traces_is_built_again(row):
+    """An object that is built while a function is traced may contain tracers, and must not be reused."""
     model, built = problem().model, []
     jax.make_jaxpr(lambda x: built.append(row.build(model)) or x)(1.0)
     assert row.build(model) is not built[0]

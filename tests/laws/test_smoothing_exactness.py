@@ -20,12 +20,12 @@ from smoothing_problems import (
     replicator,
 )
 
-from poseppl.smoothers import MixtureSettings, variational_smoother
+from poseppl.smoothers import MixtureSettings, mixture_variational_smoother
 
 ROWS = {row.name: row for row in SMOOTHERS}
-FRAMES_OF_ONE_COMPONENT = ROWS["variational-frames"]._replace(
-    name="variational-frames-of-one-component",
-    build=lambda model: variational_smoother(
+FRAMES_OF_ONE_COMPONENT = ROWS["mixture-variational-frames"]._replace(
+    name="mixture-variational-frames-of-one-component",
+    build=lambda model: mixture_variational_smoother(
         model, num_components=1, num_rounds=30, factorised=True, mixture=MixtureSettings(covariance="free", num_steps=2)
     ),
     num_particles=1000,
@@ -39,10 +39,17 @@ CHEAP = (
     "fixed-lag",
     "rauch-tung-striebel",
     "ensemble-kalman",
-    "variational",
+    "mixture-variational",
 )
 """Smoothers that make their replicates in a tenth of a second."""
-LARGE = ("particle-mgrad", "particle-gibbs-ancestor", "trajectory-nuts", "two-filter", "two-filter-linear", "variational")
+LARGE = (
+    "particle-mgrad",
+    "particle-gibbs-ancestor",
+    "trajectory-nuts",
+    "two-filter",
+    "two-filter-linear",
+    "mixture-variational",
+)
 consistent_smoothers = rows([r for r in SMOOTHERS if r.consistent], default=lambda row: row.name not in LARGE)
 discrete_smoothers = rows([r for r in SMOOTHERS if r.consistent and r.discrete])
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
@@ -106,6 +113,7 @@ REWEIGHED = ("forward-backward", "backward-simulation", "backward-simulation-met
 ANCESTRAL = ("genealogy", "fixed-lag")
 OF_THEIR_OWN = ("rauch-tung-striebel", "ensemble-kalman", "ensemble-kalman-stochastic")
 TWO_FILTER = ("two-filter", "two-filter-linear")
+FITTED = ("variational", "variational-pathfinder", "variational-mean-field")
 
 
 class Excuse(NamedTuple):
@@ -119,7 +127,7 @@ class Excuse(NamedTuple):
 EXCUSES = [
     Excuse(("weights ignored",), CHAINS, "chains start at the filter's particles, and forget them"),
     Excuse(("weights ignored",), ("viterbi",), "the best path looks at the particles' places alone"),
-    Excuse(("weights ignored",), ("laplace",), "it climbs from the filter's mean to the one mode, wherever that is"),
+    Excuse(("weights ignored",), ("laplace", *FITTED), "it climbs from the filter's mean to the one mode, wherever that is"),
     Excuse(("weights ignored",), OF_THEIR_OWN, "they make a Kalman filter of their own"),
     Excuse(
         ("inputs of the frame before", "initial density twice", "transitions twice", "no transitions"),
@@ -133,13 +141,13 @@ EXCUSES = [
     ),
     Excuse(
         ("initial density twice",),
-        ("gibbs", "variational", FRAMES_OF_ONE_COMPONENT.name),
+        ("gibbs", "mixture-variational", FRAMES_OF_ONE_COMPONENT.name),
         "their mixture of the first likelihood divides by it",
     ),
     Excuse(("one key for all",), (*REWEIGHED, *ANCESTRAL, "viterbi"), "what a run draws is little beside what its filter drew"),
     Excuse(
         ("neighbours mixed up",),
-        ("forward-backward", *TWO_FILTER, "fixed-lag", FRAMES_OF_ONE_COMPONENT.name),
+        ("forward-backward", *TWO_FILTER, "fixed-lag", "variational-mean-field", FRAMES_OF_ONE_COMPONENT.name),
         "it tells each frame's distribution alone",
     ),
     Excuse(("neighbours mixed up",), ("viterbi",), "it tells one trajectory"),

@@ -64,7 +64,7 @@ def test_poses_are_found_within_the_limits():
     assert np.all(states >= body.limits[:, 0] + 0.99 * MARGIN) and np.all(states <= body.limits[:, 1] - 0.99 * MARGIN)
 
 
-def test_what_is_missing_is_told():
+def test_what_is_missing_is_reported():
     body = darby_body()
     with pytest.raises(InputError, match="shoulder"):
         measured_lengths({"pelvis": np.zeros((1, 3)), "neck": np.zeros((1, 3)), "crown": np.zeros((1, 3))})

@@ -131,7 +131,7 @@ def test_measured_lengths_round_trip():
 
 @pytest.mark.full
 def test_measuring_what_was_not_seen():
-    """What no marker tells is that of the standard subject, as large as the limbs that were seen."""
+    """Lengths without markers are those of the standard subject, scaled by the limbs that were seen."""
     size = {name: 1.1 * length for name, length in LENGTHS.items()}
     body = full_body(size)
     markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(poses(body, 5))), np.float64)

@@ -86,7 +86,7 @@ def filtered(scene: Scene[PointData]) -> xr.DataTree:
 
 
 def shares_held(tree: xr.DataTree, scene: Scene[PointData]) -> Floats:
-    """Share of the frames in which 90 % intervals hold the truth, of each coordinate of a marker."""
+    """Coverage of 90 % intervals over frames, for each coordinate of a marker."""
     draws: Any = tree["posterior/markers"].values
     low, high = np.quantile(draws.reshape(-1, *draws.shape[2:]), [0.05, 0.95], axis=0)
     return np.asarray(((scene.markers >= low) & (scene.markers <= high)).mean(0).ravel())
@@ -182,7 +182,7 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
     cameras = jax.tree.map(lambda leaf: leaf[:1], scene.cameras)
     data = scene.data._replace(points=scene.data.points[:, :1], noise=np.asarray(scene.data.noise)[:1])
     alone = scene._replace(cameras=cameras, camera_names=scene.camera_names[:1], data=data)
-    with pytest.raises(InputError, match="how far away"):
+    with pytest.raises(InputError, match="from a person's distance"):
         smooth(track(alone, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
 
 

@@ -23,7 +23,7 @@ PHASES, ROTATIONS, BINS, FRAMES = 2, 2, 3, 3
 
 
 class Inputs(NamedTuple):
-    """Of the programs."""
+    """Inputs of the programs."""
 
     activity: FactoredTables
     start: object = None
@@ -127,7 +127,7 @@ def test_particles_come_near_the_enumeration():
     np.testing.assert_allclose(found, phases, atol=5 * np.sqrt(FRAMES * 4 * 0.25 / 20_000))
 
 
-def test_a_rotation_that_ends_enters_anew():
+def test_a_rotation_that_ends_starts_again():
     """Rows without a successor that were left out, instead of entered, would be another model."""
     tables = tiny()
     uniform = tables._replace(entries=jnp.full_like(tables.entries, 1 / BINS))

@@ -98,7 +98,7 @@ def test_inference_is_that_of_hmmlearn_on_another_walk():
 
 @pytest.fixture(scope="module")
 def recorded(data_dir):
-    """Of the people 07, 16 and 35 a walk each to learn from, at 30 frames a second, and another one of the second."""
+    """A walk of each of the people 07, 16 and 35 for learning, at 30 frames a second, and another one of the second."""
     folder = data_dir / "cmu_walks"
     body = "poseppl_models.darby.marker_body:full_body"
     return [pose_recording(read_recording(folder / f"{name}.amc"), body, 30.0) for name in ("07_01", "16_15", "35_05", "16_31")]

@@ -24,8 +24,8 @@ def test_joint_density():
 
 @pytest.mark.full
 @pytest.mark.parametrize("told", [False, True])
-def test_a_filter_keeps_both_sides_unless_it_is_told(told):
-    """Where the side is never told both have the same probability; a state that is told at the start stays on its side."""
+def test_a_filter_keeps_both_sides_unless_the_side_is_observed(told):
+    """If the side is never observed, both have the same probability; a state observed at the start stays on its side."""
     model, num_frames = mirror().compile(), 10
     built = particle_filter(model, 300)
     sides = np.full(num_frames, np.nan)

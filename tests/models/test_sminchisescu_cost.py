@@ -7,9 +7,10 @@ from functools import cache, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro.distributions as dist
 import pytest
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
-from poseppl_models.sminchisescu_triggs.cost import ENTRIES, NODES, CostSettings, residuals_of
+from poseppl_models.sminchisescu_triggs.cost import ENTRIES, NODES, CostSettings, curvature_roots, residuals_of
 from poseppl_models.sminchisescu_triggs.image import at_levels, cost_noise, image_programs, seen_in_images
 from poseppl_models.sminchisescu_triggs.likelihood import ContourAndFlow
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, part_axes, superquadrics_of
@@ -22,6 +23,7 @@ from poseppl.motion.geometry import Joint, Marker, kinematic_tree, look_at, mark
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.rendering import Stage, build_setting
 from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.program import Leclerc, Lorentzian
 
 pytestmark = pytest.mark.full
 
@@ -70,7 +72,7 @@ def test_gradient_with_its_edges_held_fixed():
 
         @jax.jit
         def costs(states, hiding):
-            """Of states (d, N), with edges assigned at the pose, and with occluders at states (d, N)."""
+            """Cost of states (d, N), with edges assigned at the pose, and with occluders at states (d, N)."""
             middle = jax.tree.map(
                 lambda leaf: jnp.broadcast_to(leaf, (*leaf.shape[:-1], states.shape[1])), placed(pose[:, None])
             )
@@ -126,7 +128,7 @@ def test_density_is_that_of_the_residuals():
 
 
 def test_a_blank_image_costs_what_has_no_assignment():
-    """Of N nodes of a limb, 14 on the contour cost nu / 2 and 9 that face away nu; behind a wide part they cost k nu."""
+    """14 nodes of a limb on the contour cost nu / 2, and 9 that face away nu; behind a wide part they cost k nu."""
     body, camera, pose, seen = arm_scene(np.float32)
     blank = seen._replace(energy=0 * seen.energy, trust=0 * seen.trust)
     noise = cost_noise()
@@ -167,7 +169,7 @@ def rendered(poses, body):
 
 @pytest.mark.slow
 def test_the_truth_costs_least_on_a_rendered_frame():
-    """Of 24 poses 0.2 rad and 40 mm off none costs less than the truth; nor by edges alone, where being hidden costs little.
+    """None of 24 poses 0.2 rad and 40 mm off costs less than the truth, nor by edges alone, where being hidden costs little.
 
     With the paper's k > 1 some do without flow: an arm that is truly hidden costs more than one in the open without an edge.
     And of the picture of one of these poses that pose costs least, and not the first.
@@ -221,10 +223,29 @@ def test_curvature_is_that_of_image_and_parts():
     model, observation, inputs = arm_model()
     information = np.asarray(jax.jit(lambda x: model.observation_information(x, observation, inputs))(inputs.start))
     scene = arm_scene(np.float32)
-    rows = jax.jit(lambda x: distribution(x, scene).whitened_jacobian(None))(inputs.start)
+    rows, others = jax.jit(lambda x: [(made := distribution(x, scene)).curvature_rows(None), made.whitened_jacobian(None)])(
+        inputs.start
+    )
     image = np.asarray(rows.T @ rows)
     assert np.linalg.eigvalsh(information - image).min() > -1e-3 * np.abs(information).max()
     np.testing.assert_allclose(information[:3, :3], image[:3, :3], rtol=1e-3, atol=1e-6)  # a shift moves no part into another
+    assert np.trace(image[:3, :3]) < 0.9 * np.trace((others.T @ others)[:3, :3])  # which Gauss-Newton's alone would be
+
+
+@pytest.mark.parametrize("potential", [Leclerc, Lorentzian])
+def test_roots_are_those_of_second_differences(potential):
+    """Curvature of 1/2 rho(r^2) in two dimensions, along an error and across it; Leclerc's is 0 at s = nu / 2."""
+    with precision(np.float64):
+        step, strength = 1e-4, 4.0
+        bends = []
+        for error in (0.3, 1.0, 2.0**0.5, 2.5):
+            around = error * np.array([1.0, 0.0]) + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [0, 0]])
+            costs = 0.5 * potential(dist.Normal(0.0, 1.0), strength).potential(jnp.sum(jnp.asarray(around) ** 2, 1))
+            bends.append([(costs[i] + costs[i + 1] - 2 * costs[4]) / step**2 for i in (2, 0)])
+        squared = jnp.array([0.09, 1.0, 2.0, 6.25])
+        across, along = curvature_roots(potential, squared, strength)
+        np.testing.assert_allclose(np.stack([across**2, along**2], 1), np.maximum(bends, 0.0), atol=1e-6)
+        assert (potential is Leclerc) == bool(along[2] < 1e-3)
 
 
 LIMB_TREE = kinematic_tree([Joint("root", None, (0, 0, 0), "ZYX")], [Marker("root", "root")])

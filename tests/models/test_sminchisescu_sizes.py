@@ -6,21 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.bodies.humanoid import anthropometric_prior
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
 from poseppl_models.sminchisescu_triggs.image import cost_noise, seen_in_images
 from poseppl_models.sminchisescu_triggs.sizes import SIZES, SizeInputs, size_programs
 from poseppl_models.sminchisescu_triggs.superquadric_outlines import outlines_of, superquadric_distances
+from poseppl_papers.sminchisescu_triggs.one_picture import NOISE, in_millimetres, pointed_at, size_estimator
 
-from poseppl.kernels.constraints import constraints
-from poseppl.kernels.mode_search import search_modes
-from poseppl.motion.geometry import look_at, marker_positions, project
+from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.geometry.coverage import hard_coverage
 from poseppl.motion.geometry.kinematics import frames_of
-from poseppl.program import bounded
 
 ARM_SIZES = ("upper_arm", "forearm", "upper_arm_width", "forearm_width", "hand_width")
-NOISE = 1.0
 
 
 def last(tree):
@@ -41,51 +37,12 @@ def silhouette(body, pose, camera, size):
     return np.where(found, 60, 180).astype(np.uint8)
 
 
-def pointed_at(centre, target, focal, size):
-    """A level camera, rows going down."""
-    middle = jnp.array([[(size[0] - 1) / 2, (size[1] - 1) / 2]])
-    return look_at(centre, target)._replace(principal=middle, focal=jnp.array([[focal, focal]]))
-
-
-def estimator(model, number, num_steps):
-    """Compiled once: (data, inputs) to mean (n,) and covariance (n, n) of the whitened sizes at the mode of a climb."""
-    box = bounded(model)
-    limits = constraints(box.model.dimension, lower=box.lower, upper=box.upper)
-
-    @jax.jit
-    def search(observation, inputs):
-        precision = jnp.diag(jnp.concatenate([1 / inputs.start_scale**2, jnp.ones(number)]))
-        found = search_modes(
-            jnp.concatenate([inputs.start, jnp.zeros(number)])[None],
-            lambda x: box.model.log_initial(x, inputs) + box.model.log_observation(x, observation, inputs),
-            lambda x: precision + box.model.observation_information(x, observation, inputs),
-            limits,
-            1,
-            num_steps=num_steps,
-        )
-        return found.modes.moments()
-
-    def estimate(data, inputs):
-        means, covariances = search(model.observe(data), inputs)
-        return np.asarray(means[0, -number:], float), np.asarray(covariances[0, -number:, -number:], float)
-
-    return estimate
-
-
-def in_millimetres(names, mean, covariance):
-    """Sizes and their standard deviations, and those of the prior."""
-    middle, prior = anthropometric_prior(names)
-    root = np.linalg.cholesky(prior)
-    spread = root @ covariance @ root.T
-    return middle + root @ mean, np.sqrt(np.diag(spread)), np.sqrt(np.diag(prior))
-
-
 @pytest.mark.slow
 def test_proportions_from_marked_joints():
     """Six sizes up to 8 % off the standard's: all 21 within 3 of their standard deviations, which are right on the whole.
 
-    Legs against trunk are told apart: the ratio of thigh and thorax is nearer to the truth than the standard's. With joints
-    that are taken to be marked ten times as well as they are, the intervals are too narrow.
+    Legs and trunk are distinguished: the ratio of thigh and thorax is nearer to the truth than the standard's. If joints are
+    assumed to be marked ten times as precisely as they are, the intervals are too narrow.
     """
     factors = {"thigh": 1.08, "upper_arm": 0.93, "shank": 1.05, "thorax": 0.95, "hip_side": 1.06, "head": 1.05}
     standard, rng = superquadric_body("full"), np.random.default_rng(0)
@@ -100,7 +57,7 @@ def test_proportions_from_marked_joints():
 
     start, marked = jnp.asarray(standard.rest, float), jnp.full((1, points.shape[1]), NOISE)
     inputs = SizeInputs(camera, marked, seen, cost_noise(), start, scale, scale)
-    estimate = estimator(size_programs(contours=False).compile(inputs, {}), len(SIZES), 30)
+    estimate = size_estimator(size_programs(contours=False).compile(inputs, {}), len(SIZES), 30)
     true = np.array([body.sizes[name] for name in SIZES])
     found, deviation, prior = in_millimetres(SIZES, *estimate({"points": points}, inputs))
     errors = (found - true) / deviation
@@ -129,7 +86,7 @@ def test_widths_from_a_silhouette():
         seen = seen_in_images([silhouette(body, pose, camera, size)], pose)
         inputs = SizeInputs(camera, jnp.full((1, 4), NOISE), seen, cost_noise(edges=1.0), start, scale, scale)
         model = size_programs("arm", ARM_SIZES).compile(inputs, {})
-        estimate = estimate or estimator(model, len(ARM_SIZES), 15)
+        estimate = estimate or size_estimator(model, len(ARM_SIZES), 15)
         data = {"points": points, "image": np.zeros(model.observation_sites["image"].shape)}
         middle, deviation, prior = in_millimetres(ARM_SIZES, *estimate(data, inputs))
         found[factor] = middle

@@ -48,11 +48,11 @@ class Mutant(NamedTuple):
 
     Attributes:
         name: Unique.
-        wrong: What is wrong, in words.
-        module: Where the function is; where it is no longer, it is looked for in all modules.
+        wrong: Description of the mistake.
+        module: Module of the function; if the function has moved, all modules are searched.
         function: Its qualified name.
         replace: An expression or a statement of the function.
-        by: What replaces it.
+        by: Its replacement.
         tests: Ids of the tests, one of which must fail; none where there is a reason.
         reason: Why none can.
     """
@@ -68,7 +68,7 @@ class Mutant(NamedTuple):
 
 
 def import_paths(folder: Path) -> list[str]:
-    """Where the packages of a copy of the repository are imported from."""
+    """Import paths of the packages of a copy of the repository."""
     return list(dict.fromkeys(str((folder / source).parent) for source in _SOURCES.values()))
 
 
@@ -146,7 +146,7 @@ def _path_of(module: str, folder: Path) -> Path:
 
 
 def _places(mutant: Mutant, path: Path) -> list[tuple[Path, str, int, int]]:
-    """Where a file's function of that name has what is replaced: the file, its text, and the first and last character."""
+    """Find the code to replace in a file's function of that name: the file, its text, and the first and last character."""
     source = path.read_text(encoding="utf-8")
     name, wanted = mutant.function.rpartition(".")[2], _squeezed(mutant.replace)
     if f"def {name}" not in source and f"class {name}" not in source and name:

@@ -30,12 +30,12 @@ NOTICED, MISSED, EXCUSED, BROKEN = "noticed", "MISSED", "excused", "BROKEN"
 MINIMUM = {"default": 0.8, "full": 0.95, "slow": 0.95}
 """Share of the mutants that the tests of a tier, and of those before it, have to notice."""
 _OPTIONS = {"default": [[]], "full": [["--full"]], "slow": [["--full"], ["-m", "slow", "--slow"]]}
-"""Of pytest's runs for each tier, one after the other."""
+"""Arguments of pytest's runs for each tier, one after the other."""
 _NO_TESTS = 5
 
 
 class Outcome(NamedTuple):
-    """What became of a mutant: its verdict, the seconds that it took, and what there is to say."""
+    """Result for a mutant: its verdict, its seconds, and a note."""
 
     mutant: Mutant
     verdict: str

@@ -92,7 +92,7 @@ def lag_one_covariances(matrices, filtered):
 
 
 def smoothing_gain(matrices, filtered, t):
-    """What a frame's mean (d,) moves by with that of the next frame, (d, d)."""
+    """Derivative of a frame's mean (d,) by that of the next frame, (d, d)."""
     return np.linalg.solve(filtered.predicted_covariances[t + 1], matrices.A @ filtered.covariances[t]).T
 
 

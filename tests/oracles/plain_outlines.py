@@ -61,7 +61,7 @@ def ellipse(camera, cone, ring):
 
 
 def silhouette(camera, cones, rows, columns):
-    """What the parts cover of pixels at the given rows and columns: on each row between the outermost points of each part."""
+    """Pixels at given rows and columns that parts cover: on each row between the outermost points of each part."""
     covered = np.zeros((len(rows), len(columns)), bool)
     for cone in cones:
         corners = limbs(camera, cone)

@@ -1,8 +1,8 @@
 """Silhouettes of elliptical truncated cones by casting one ray for each image point, in plain NumPy.
 
-In a cone's own coordinates, those across divided by the factors of its radii, its side is the surface
-x^2 + y^2 = (r_0 + (r_1 - r_0) z / l)^2 with z between 0 and l, and its ends are discs: a ray meets the side where a quadratic
-vanishes, and an end in one point.
+Coordinates are the cone's own, those across divided by the factors of its radii. The side is the surface x^2 + y^2 = (r_0 +
+(r_1 - r_0) z / l)^2 with z between 0 and l, and the ends are discs: a ray meets the side where a quadratic vanishes, and an end
+in one point.
 """
 
 from __future__ import annotations

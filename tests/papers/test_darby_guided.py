@@ -87,8 +87,8 @@ def guided_table(guided: list[float], standard: list[float]) -> Table:
 )
 def test_half_the_error_is_judged_over_walks_against_more_particles(guided, verdict):
     found = darby.claims({"guided": guided_table(guided, [100.0, 101.0, 99.0])})
-    assert [claim.verdict for claim in found] == [verdict, verdict]
-    assert "APF, 5 x 200" in found[0].ours and "3 walks" in found[0].ours
+    assert [claim.verdict for claim in found] == ["holds", verdict, verdict]  # the standard filter fails: 100 mm
+    assert all("APF, 5 x 200" in claim.ours and "3 walks" in claim.ours for claim in found)
 
 
 @pytest.mark.full

@@ -67,7 +67,7 @@ def test_a_sequence_whose_place_alone_is_followed_is_not():
 
 
 def test_the_noise_is_chosen_on_other_walks():
-    """Of the committed table; none of its walks is among the sequences that are judged."""
+    """The choice follows from the committed table; none of its walks is among the judged sequences."""
     kept = {name: each.table for name, each in read_folder(DOCS / "du-guan-2006").items()}
     groups = grouped(filter_rows(kept, "noise"), lambda row: row["method"])
     least = min(groups, key=lambda name: sum(row["absolute"] for row in groups[name]))
@@ -93,7 +93,7 @@ def test_one_temperature_has_to_show_both(second, verdict):
 
 
 @pytest.mark.full
-def test_scales_are_told_by_their_cue():
+def test_scales_are_reported_by_their_cue():
     rows = [row(METHOD, 100.0, 5.0), row(METHOD, 120.0, 5.0, "colour_scale 0.9")]
     told = scales({"scales": Table("scales", COLUMNS, rows)}).splitlines()
     assert told[2].startswith("| as above | 100 +- 5 |") and told[3].startswith("| colour scale 0.9 | 120 +- 5 |")

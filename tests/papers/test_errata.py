@@ -1,4 +1,4 @@
-"""What docs/errata.md says of the papers' formulas, worked out on small examples."""
+"""Statements of docs/validation/errata.md about the papers' formulas, worked out on small examples."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import stats
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_choo_fleet_equation_7(dimension):
-    """Of N draws from the prior Binomial(N, p) fall into the posterior; means of so many have the variance that Eq. 7 has."""
+    """Binomial(N, p) of N draws from the prior fall into the posterior; means of this number have the variance of Eq. 7."""
     share, number = 0.2**dimension, 20_000
     hits = np.arange(1, number + 1)
     chance = stats.binom.pmf(hits, number, share)
@@ -29,7 +29,7 @@ def test_choo_fleet_volumes_are_square_roots_of_variances():
 
 
 def gradient(s: np.ndarray) -> np.ndarray:
-    """Of an energy with a coupling and a quartic part."""
+    """An energy with a coupling and a quartic part."""
     return np.array([3.0 * s[0] + 0.5 * s[1] + s[0] ** 3, 0.5 * s[0] + 0.2 * s[1]])
 
 

@@ -142,7 +142,7 @@ def test_the_free_energy_never_rises_and_bounds_the_evidence(seed):
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(4))
 def test_no_other_bins_have_a_lower_free_energy(seed):
-    """Where the rounds end, the bins of a frame and rotation are the best, the others given."""
+    """At the end of the rounds, the bins of a frame and rotation are the best, given the others."""
     tables, mixtures = tiny(seed), mixtures_of(seed)
     logs = log_tables(tables, FLOOR)
     ended = jax.lax.fori_loop(0, 200, lambda _, q: sweep(logs, mixtures, q), any_q(seed, mixtures))

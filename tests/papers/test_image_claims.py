@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from poseppl_papers.darby import claims as darby
 from poseppl_papers.du_guan import claims as du_guan
+from poseppl_papers.experiment import on_one_recording
 from poseppl_papers.measured import Measured, difference, find, over_runs
 from poseppl_papers.peursum import claims as peursum
 from poseppl_papers.tables import Table
@@ -27,7 +28,7 @@ def sweep_table(plain: dict[float, list[float]], annealed: list[float]) -> Table
 def test_a_sharpened_filter_is_judged_by_two_standard_errors(errors, verdict):
     table = sweep_table({10.0: errors, 60.0: [120.0, 121.0, 122.0]}, [59.0, 60.0, 61.0])
     found = peursum._sharpened({"exponents": table}).verdict.split("; ")
-    no = "does not hold"
+    no, verdict = (on_one_recording(each) for each in ("does not hold", verdict))
     expected = [f"{no} at lambda = 10, 60"] if verdict == no else [f"{verdict} at lambda = 10", f"{no} at lambda = 60"]
     heads = [f"with the {name} diffusion {expected[0]}" for name in ("published", "measured")]
     assert found == [heads[0], *expected[1:], heads[1], *expected[1:]]
@@ -44,6 +45,7 @@ def test_effective_sample_sizes_are_judged_by_lambda(shares, verdict):
         (*row[:place], shares[number % 2]) if row[1].startswith("Simple-PF") else row for number, row in enumerate(table.rows)
     ]
     claim = peursum._shared_out({"exponents": table._replace(rows=rows)})
+    verdict = on_one_recording(verdict)
     expected = [f"with the {name} diffusion {verdict} at lambda = 10" for name in ("published", "measured")]
     assert claim.verdict.split("; ") == expected
 
@@ -122,6 +124,6 @@ def test_errors_of_means_and_differences():
     assert measured.mean == 3.0 and measured.spread == pytest.approx((14 / 3) ** 0.5) and measured.runs == 4
     assert measured.error == pytest.approx((14 / 12) ** 0.5)
     assert difference(Measured(5.0, 6.0, 4), Measured(1.0, 4.0, 1)) == (4.0, 5.0)
-    assert Measured(5.04, math.nan, 1).told(1) == "5.0" and Measured(138.7, 10.9, 3).told() == "139 +- 11"
+    assert Measured(5.04, math.nan, 1).text(1) == "5.0" and Measured(138.7, 10.9, 3).text() == "139 +- 11"
     table = Table("", ("name", "runs", "x", "x_sd"), [("a", 3, 1.0, 0.5), ("b", 4, 2.0, 0.7)])
     assert find(table, "x", name="b") == Measured(2.0, 0.7, 4)

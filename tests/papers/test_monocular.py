@@ -120,7 +120,7 @@ def table(gain: float, learned: float = 50.0) -> Table:
     [(20.0, "000", "100"), (-20.0, "000", "000"), (0.0, "111", "011"), (-2.0, "111", "011"), (11.0, "???", "100")],
 )
 def test_smoothers_are_judged_by_what_matters(gain, generic, learned):
-    """Of the six published gains only that of FBS after the learned motion, 12 %, is more than the tenth that matters."""
+    """Only one of the six published gains, FBS after the learned motion, 12 %, exceeds the tenth that matters."""
     words = {"holds": "1", "does not hold": "0", "undecided": "?"}
     found = {claim.what: claim.verdict for claim in monocular_claims({"monocular": table(gain)})}
     for name, expected in zip(NAMES, (generic, learned), strict=True):

@@ -27,17 +27,17 @@ def test_the_committed_folder_decides_every_claim():
     sections = ["Time at equal variance", "Least particles", "log-likelihood", "log prior", "Best step size"]
     assert [sum(claim.what.startswith(each) for claim in found) for each in sections] == [3, 6, 4, 4, 2]
     page = (FOLDER / "page.md").read_text(encoding="utf-8")
-    assert all(f"({path.name})" in page for path in FOLDER.glob("*.png")) and len(list(FOLDER.glob("*.png"))) == 5
+    assert all(f"({path.name})" in page for path in FOLDER.glob("*.png")) and len(list(FOLDER.glob("*.png"))) == 6
     assert kept["variances"].made.runs == "50" and kept["contest"].made.runs == "20" and kept["tuning"].made.runs == "10"
 
 
 def test_pages_of_papers_lead_to_the_errata(tmp_path):
-    assert "[errata](../errata.md)" in page_of(EXPERIMENT, FOLDER)
+    assert "[errata](../validation/errata.md)" in page_of(EXPERIMENT, FOLDER)
     write_folder(tmp_path, {})
     assert "errata" not in page_of(EXPERIMENT, tmp_path)  # a link that would lead nowhere
 
 
-def test_settings_that_were_not_timed_alone_are_not_told():
+def test_settings_that_were_not_timed_alone_are_not_reported():
     """A smaller size than the paper's has fewer settings."""
     tables = {name: kept.table for name, kept in read_folder(FOLDER).items()}
     assert any("timed alone" in claim.why for claim in claims(tables))
@@ -49,9 +49,9 @@ def test_settings_that_were_not_timed_alone_are_not_told():
 
 
 PARTS = {
-    "single-frame": ("variances", "speed_ups", "volumes", "references"),
+    "single-frame": ("variances", "coordinates", "speed_ups", "volumes", "references"),
     "sequence": ("sequence", "sequence_summary"),
-    "tuning": ("tuning", "burn_in"),
+    "tuning": ("tuning", "autocorrelation", "burn_in"),
     "contest": ("contest", "contest_sequences"),
 }
 
@@ -108,7 +108,7 @@ def test_names_that_python_reads_as_numbers_stay_names(tmp_path):
 
 @pytest.mark.full
 @pytest.mark.parametrize("damage", ["{", '{"gone": {"about": ""}}', "[]"])
-def test_a_damaged_record_is_told(tmp_path, damage):
+def test_a_damaged_record_is_reported(tmp_path, damage):
     (tmp_path / RECORD).write_text(damage)
     with pytest.raises(InputError, match="run again"):
         read_folder(tmp_path)

@@ -46,11 +46,11 @@ def test_scenes_as_recorded_are_found_where_they_were():
 
 @pytest.mark.parametrize("announced", [True, False])
 def test_unannounced_furniture_is_not_left_out(announced, monkeypatch):
-    """Trackers are given the pixels that it hides, or none."""
+    """Trackers are given the pixels of furniture, or none."""
     given, mask = [], np.ones((2, 3), np.uint8)
     video = SimpleNamespace(camera="a", images=lambda: iter([mask]))
     sources = SimpleNamespace(videos=[video], plates={"a": video}, occlusion={"a": mask})
-    monkeypatch.setattr(scenes, "video_features", lambda *args, ignore, **rest: given.append(ignore) or iter(["features"]))
+    monkeypatch.setattr(scenes, "video_features", lambda *args, occlusion, **_: given.append(occlusion) or iter(["features"]))
     seen = SeenScene(25.0, None, np.zeros((1, 15, 3)), sources, announced)
     assert [sight.features for sight in seen.sights(1)] == [("features",)]
     assert given[0] is (mask if announced else None)

@@ -19,7 +19,7 @@ from poseppl_papers.tables import Table
 
 from poseppl.filters import particle_filter
 
-TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
+TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw", "log_standard_error")
 TINY = Scale(
     runs=4,
     block=2,
@@ -103,12 +103,12 @@ def test_blocks_are_equal(number, expected):
 def test_everything_at_a_tiny_size(tmp_path):
     tables = reproduce(EXPERIMENT, tmp_path, scale=TINY, executor="inline")
     page = (tmp_path / "page.md").read_text()
-    assert "| claim | theirs | ours | verdict | why |" in page and "4-D arm" in page
+    assert "| claim | published | ours | verdict | why |" in page and "4-D arm" in page
     for name, table in tables.items():
         with (tmp_path / f"{name}.csv").open() as file:
             rows = list(csv.reader(file))
         assert tuple(rows[0]) == table.columns and len(rows) == len(table.rows) + 1
-    for picture in ("variances.png", "sequence.png", "tuning.png", "contest.png"):
+    for picture in ("variances.png", "sequence.png", "tuning.png", "contest.png", "coordinates.png"):
         assert (tmp_path / picture).stat().st_size > 10_000 and picture in page
     variances = tables["variances"]
     assert (variances.column("seconds") > 0).all() and np.isfinite(variances.column("variance")).all()
@@ -118,7 +118,7 @@ def test_everything_at_a_tiny_size(tmp_path):
 @pytest.mark.slow
 def test_a_second_call_reads_what_the_first_computed(tmp_path):
     smallest = TINY._replace(runs=2, num_settings=1)
-    tuning = Table("tuning", TUNING, [(10, 0.35, 0.15, 0.0, 1.4, 14.0)])
+    tuning = Table("tuning", TUNING, [(10, 0.35, 0.15, 0.0, 1.4, 14.0, 0.1)])
     write_folder(tmp_path, {"tuning": Kept(tuning, Provenance("10", "walk", "2026-01-02", "jax 0.0", "before"))})
     first = reproduce(EXPERIMENT, tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()}

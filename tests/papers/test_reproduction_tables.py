@@ -32,12 +32,21 @@ def test_jackknife_is_the_spread_over_repetitions():
 
 
 def test_speed_up_of_known_curves():
-    cost = {"particle": np.array([1.0, 2.0, 4.0]), "hmc": np.array([0.1, 0.2, 0.4])}
+    cost = {"particle": np.array([[1.0, 2.0, 4.0]]), "hmc": np.array([[0.1, 0.2, 0.4]])}
     found = speed_up([errors_of([0.4, 0.2, 0.1], [0.4, 0.2, 0.1], runs=2000)], cost)
     assert found.low < 10 < found.high and found.high / found.low < 1.3
     # where no number of particles reaches the variance, 1/N is taken on trust
     beyond = speed_up([errors_of([0.4, 0.2, 0.1], [0.01, 0.005, 0.0025], runs=2000)], cost)
     assert beyond.extrapolated == 1.0 and beyond.ratio == pytest.approx(10 * 40, rel=0.2)  # found 0.003
+
+
+def test_a_speed_up_has_the_scatter_of_the_timing():
+    exact = FrameErrors("walk", 3, {"particle": np.full((9, 1, 2), 0.5), "hmc": np.full((9, 1, 2), 0.5)}, np.zeros((9, 2)), {})
+    found = speed_up([exact], {"particle": np.array([[8.0], [8.0]]), "hmc": np.array([[1.0], [4.0]])})
+    # of two repetitions, medians are 1, 2.5 or 4 seconds, the ends with probability a quarter each
+    assert tuple(found) == pytest.approx((8 / 2.5, 8 / 4, 8 / 1, 0.0))
+    together = speed_up([exact], {"particle": np.array([[8.0], [32.0]]), "hmc": np.array([[1.0], [4.0]])})
+    assert tuple(together) == pytest.approx((8.0, 8.0, 8.0, 0.0))  # a machine that slows down slows both
 
 
 def claim_tables(ratio):
@@ -94,10 +103,8 @@ def test_figures_and_files_carry_the_same_numbers(tmp_path):
 
 
 def test_automatic_choice_is_the_cheapest_that_does_not_stick():
-    columns = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
-    mixing = Table(
-        "tuning", columns, [(10, 0.2, 0.05, 0.0, 2.0, 20.0), (10, 0.4, 0.6, 0.0, 1.0, 10.0), (40, 0.2, 0.05, 0.0, 1.0, 40.0)]
-    )
+    rows = [(10, 0.2, 0.05, 0.0, 2.0, 20.0, 0.0), (10, 0.4, 0.6, 0.0, 1.0, 10.0, 0.0), (40, 0.2, 0.05, 0.0, 1.0, 40.0, 0.0)]
+    mixing = Table("tuning", TUNING, rows)
     rhat = Table(
         "burn_in",
         ("leapfrog", "step_size", "burn_in", "rhat"),
@@ -107,16 +114,21 @@ def test_automatic_choice_is_the_cheapest_that_does_not_stick():
     assert (found["leapfrog"], found["step_size"], found["burn_in"]) == (10, 0.2, 4)
 
 
-TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
+TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw", "log_standard_error")
 
 
 def test_the_rule_of_rejection_is_judged_over_all_lengths_and_at_the_published_one():
-    rows = [(10, 0.3, 0.12, 0.0, 1.4, 14.0), (10, 0.4, 0.18, 0.0, 1.6, 16.0)]
-    rows += [(40, 0.2, 0.02, 0.0, 0.8, 33.0), (40, 0.3, 0.15, 0.0, 2.0, 80.0)]
+    rows = [(10, 0.3, 0.12, 0.0, 1.4, 14.0, 0.0), (10, 0.4, 0.18, 0.0, 1.6, 16.0, 0.0)]
+    rows += [(40, 0.2, 0.02, 0.0, 0.8, 33.0, 0.1), (40, 0.3, 0.15, 0.0, 2.0, 80.0, 0.1)]
     cheapest, published = claims({"tuning": Table("tuning", TUNING, rows)})
     # half way between 14 and 16, on a log scale
-    assert cheapest.verdict == "holds" and "L = 10" in cheapest.ours and "1.1 times as much" in cheapest.why
-    assert published.verdict == "does not hold" and "cheapest at 2.0%" in published.ours and "2.4 times" in published.why
+    assert cheapest.verdict == "holds" and "L = 10" in cheapest.ours and "1.1 (1.1 to 1.1) times" in cheapest.why
+    assert published.verdict == "does not hold" and "cheapest at 2.0%" in published.ours and "2.4 (1.8 to 3.2)" in published.why
+    # two errors of 0.3 make exp(2 sqrt(2) 0.3) = 2.3; half way between two settings, half of each remains
+    noisy = [(*row[:6], 0.3) for row in rows]
+    cheapest, published = claims({"tuning": Table("tuning", TUNING, noisy)})
+    assert published.verdict == "undecided" and "2.4 (1.0 to 5.7)" in published.why
+    assert cheapest.verdict == "undecided" and "1.1 (0.7 to 1.6)" in cheapest.why
 
 
 def contest_tables(ratio, inside, rate):

@@ -27,7 +27,7 @@ NAMES = ("FSHHMM-PF, 1,000", "Simple-PF, 1,000")
 
 
 class Inputs(NamedTuple):
-    """Of the programs."""
+    """Inputs of the programs."""
 
     activity: FactoredTables
     start: object
@@ -125,7 +125,7 @@ def verdicts(table: Table) -> dict[str, str]:
     return {claim.what: claim.verdict for claim in walk_claims({"walks": table})}
 
 
-def test_scenes_that_were_not_run_are_not_told():
+def test_scenes_that_were_not_run_are_not_reported():
     circles = [row for row in table(10.0).rows if row[0].endswith("circle")]
     claims = walk_claims({"walks": Table("walks", COLUMNS, circles, "")})
     assert claims and not any("CLUTTER" in claim.what or "furniture" in claim.what for claim in claims)

@@ -85,13 +85,13 @@ def test_volumes_are_products_of_standard_deviations():
 
 def test_tables_of_single_frames():
     job = frame_job()
-    timings = [FrameTiming(BUILT_IN, "arm", method, 0, 3) for method in ("particle", "hmc")]
-    results = {job.key: frame_results()} | {
-        each.key: {"seconds": np.array(seconds)} for each, seconds in zip(timings, ([3.0, 2.0, 5.0], [0.4, 0.6]), strict=True)
-    }
-    tables = {table.name: table for table in frame_tables([job], timings, results)}
+    timing = FrameTiming(BUILT_IN, "arm", 1, 3)
+    times = {"particle_seconds": np.array([[1.0], [2.0], [5.0]]), "hmc_seconds": np.array([[0.4], [0.3], [0.6]])}
+    tables = {table.name: table for table in frame_tables([job], [timing], {job.key: frame_results(), timing.key: times})}
     rows = {row[3]: row[4:8] for row in tables["variances"].rows}
     assert rows["particle"] == pytest.approx((320, 2.0, 320.0, 0.49)) and rows["hmc"] == pytest.approx((8, 0.4, 72.0, 0.115))
+    # means of 0.99 and -0.01, and their standard errors, half their difference
+    assert tables["coordinates"].rows[0][3:] == ("particle", 320, "shoulder_r.Z", *map(pytest.approx, (0.49, 0.5)))
     assert tables["volumes"].column("log10_bound", volume="marginal") == pytest.approx([2.0])
     assert tables["references"].rows[0][3:] == pytest.approx((0.01, 0.01 / 0.115))
     # HMC's variance is 0.49 / 0.115 times smaller: particles need so many times more

@@ -34,7 +34,7 @@ def test_quantiles_are_numpys(dtype):
 
 
 @pytest.mark.full
-def test_nan_is_told():
+def test_nan_is_reported():
     sample = jnp.array([[1.0, 1.0], [jnp.nan, 2.0], [3.0, 3.0]])
     found = np.asarray(column_quantiles(sample, jnp.array([0.5])))
     assert np.isnan(found[0, 0]) and found[0, 1] == 2.0

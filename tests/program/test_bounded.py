@@ -63,7 +63,7 @@ def test_densities_are_those_of_the_sites_themselves():
 
 
 @pytest.mark.full
-def test_moments_are_told_of_bounded_sites_too():
+def test_moments_are_given_for_bounded_sites_too():
     """Those of a truncated normal; a Dirichlet's are not, for its site is still seen through its bijector."""
 
     def simple(params, inputs):

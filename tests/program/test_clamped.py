@@ -130,7 +130,7 @@ def test_a_filter_runs_on_it(full):
 
 
 def test_what_is_clamped_to_other_values_is_the_same_program(full):
-    """Models of the same free sites are one, and so are their filters: another recording's values trace nothing anew."""
+    """Models of the same free sites are one, and so are their filters: another recording's values trace nothing again."""
     assert clamp(full, FREE) is clamp(full, [3, "a", "c[1]"]) and clamp(full, FREE) is not clamp(full, ["b"])
     traced = []
 

@@ -1,4 +1,4 @@
-"""What a distribution knows in closed form is held against its own log_prob, loc and scale."""
+"""Closed forms of distributions against their own log_prob, loc and scale."""
 
 import jax.numpy as jnp
 import numpyro.distributions as dist

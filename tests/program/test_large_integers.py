@@ -14,7 +14,7 @@ from poseppl.program import StateSpaceModel
 from poseppl.program.clamped import Clamped, clamp
 
 STOCK = np.array([30_000_001, 7, 2**31 - 100], np.int32)
-"""Of three shops, of which the last is near the largest integer."""
+"""Counts of three shops, of which the last is near the largest integer."""
 
 
 def first_stock(params, inputs):

@@ -1,4 +1,4 @@
-"""What a NumPyro user is told who gives the wrong thing: what it was, what was expected, and the cure."""
+"""Error messages for NumPyro users: what is wrong, what was expected, and the remedy."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ POINTS = np.array([[0.3, -0.2], [4.0, 1.0], [-9.0, 2.0]])
 
 @pytest.mark.parametrize("strength", [1.5, 4.0, 30.0])
 def test_a_lorentzian_is_a_students_t(strength):
-    """Of nu - 1 degrees of freedom, and of the scale sigma sqrt(nu / (nu - 1))."""
+    """Student's t with nu - 1 degrees of freedom and the scale sigma sqrt(nu / (nu - 1))."""
     values = jnp.linspace(-30.0, 30.0, 41)
     student = dist.StudentT(strength - 1, 0.5, 2.0 * np.sqrt(strength / (strength - 1)))
     found = Lorentzian(dist.Normal(0.5, 2.0), strength).log_prob(values)
@@ -63,7 +63,7 @@ def test_leclercs_window_makes_it_a_density(strength):
 
 @pytest.mark.full
 def test_leclercs_without_a_window_is_a_factor():
-    """The posterior is the same, up to a constant; predictive checks are told that nothing is predicted."""
+    """The posterior is the same, up to a constant; it declares to predictive checks that it predicts nothing."""
     gaussian = dist.Normal(jnp.zeros(2), 0.7).to_event(1)
     factor, density = Leclerc(gaussian, 6.0), Leclerc(gaussian, 6.0, window=400.0)
     difference = factor.log_prob(jnp.asarray(POINTS)) - density.log_prob(jnp.asarray(POINTS))
@@ -186,7 +186,7 @@ def test_the_majorised_curvature_is_of_a_quadratic_above(family):
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 @pytest.mark.parametrize("which", ["vectors", "full", "single"])
 def test_the_expected_curvature_is_that_of_a_state_without_spread_and_smaller_with_one(family, which):
-    """Where the data are exact, that of states that are aside by the whole of the spread."""
+    """If the data are exact, the weight is that of states that are off by the whole standard deviation."""
     with precision(np.float64):
         compiled = model(observation=programs_of(family)[which]).compile()
         x, aside = jnp.array([0.4, -0.3, 1.1]), jnp.array([0.2, 0.1, -0.3])

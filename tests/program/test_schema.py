@@ -1,4 +1,4 @@
-"""What the compiler refuses: each message names the site, what was found, what was expected and the cure."""
+"""Errors of the compiler: each message has the site, what was found, what was expected and the remedy."""
 
 from __future__ import annotations
 

@@ -70,12 +70,12 @@ def open_page(driver: Any, path: Path) -> None:
 
 
 def errors(driver: Any) -> list[str]:
-    """What the page's console calls severe."""
+    """Severe messages of the page's console."""
     return [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
 
 
 def picture_of(driver: Any, name: str) -> np.ndarray:
-    """An element of the page as it is seen, (height, width, 3)."""
+    """Screenshot of an element of the page, (height, width, 3)."""
     from selenium.webdriver.common.by import By
 
     driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)

@@ -1,4 +1,4 @@
-"""What a page's script reads, as Python has it: the inverse of :func:`poseppl.report.page.to_json`."""
+"""Data of a page's script as Python values: the inverse of :func:`poseppl.report.page.to_json`."""
 
 from __future__ import annotations
 

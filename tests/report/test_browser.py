@@ -129,7 +129,7 @@ def test_modes_are_ghosts_in_the_frames_that_have_several(driver: Any, tmp_path:
     before, shown = picture_of(driver, "space"), driver.execute_script(_NAMES, "space")
     assert shown[-2:] == ["mode 1, 75 %", "mode 2, 25 %"]
     assert driver.execute_script(_NAMES, "chart-modes") == ["mode 1", "mode 2"]
-    *cells, apart = [cell.text for cell in driver.find_elements("css selector", "#poses td")]
+    *cells, apart = [cell.text for cell in driver.find_elements("css selector", "#modes td")]
     assert cells == ["16", "20", "25%", "wrist_r"] and abs(float(apart) - 500) < 60
     driver.execute_script(_MOVE, 2)
     assert driver.execute_script(_NAMES, "space") == shown[:-2]

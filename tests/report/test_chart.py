@@ -7,13 +7,14 @@ import pytest
 from page_reading import decoded
 from synthetic import synthetic_result, two_sided_result
 
-from poseppl import report
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.modes import modes_over_time
+from poseppl.motion.report import plot_error
+from poseppl.motion.report.charts import error_traces
+from poseppl.motion.report.pose_views import ghosts
 from poseppl.report.chart import Panel, fan, grid, line, log_axis, log_ticks, stack
-from poseppl.report.charts import charts, mode_chart
+from poseppl.report.charts import mode_chart
 from poseppl.report.page import to_json
-from poseppl.report.pose_data import ghosts
 from poseppl.report.tables import Top, ambiguity_table
 
 X = np.arange(3)
@@ -44,8 +45,8 @@ def test_what_may_be_on_a_logarithmic_scale_keeps_five_figures() -> None:
 
 def test_pictures_draw_the_charts_of_the_page() -> None:
     tree = synthetic_result(num_frames=8)
-    drawn = {trace["name"]: trace for trace in charts(diagnosed(tree))["error"]["data"]}
-    axes = report.plot_error(tree).axes[0]
+    drawn = {trace["name"]: trace for trace in error_traces(diagnosed(tree))}
+    axes = plot_error(tree).axes[0]
     lines = {str(shown.get_label()): shown.get_ydata() for shown in axes.get_lines()}
     assert set(lines) | {"expected error, central 90 %"} == set(drawn)
     for name, values in lines.items():
@@ -81,9 +82,9 @@ def test_ticks_of_logarithmic_axes() -> None:
 
 @pytest.mark.full
 def test_modes_are_shown_where_a_result_has_several() -> None:
-    single = modes_over_time(synthetic_result(num_frames=8))
+    single = modes_over_time(synthetic_result(num_frames=8), of="markers")
     assert mode_chart(single) is None and ghosts(single, single.frames) is None and ambiguity_table(single) == Top([], 0)
-    modes = modes_over_time(two_sided_result())
+    modes = modes_over_time(two_sided_result(), of="markers")
     drawn = mode_chart(modes)
     assert drawn is not None
     np.testing.assert_allclose(drawn["data"][1]["y"], np.where((modes.frames >= 16) & (modes.frames < 20), 25.0, 0.0))

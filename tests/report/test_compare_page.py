@@ -16,7 +16,7 @@ from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
 from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps, variance_charts
-from poseppl.report.page import shown, to_json
+from poseppl.report.page import shown, to_json, with_error
 
 DATA = scene(num_frames=20)
 
@@ -54,7 +54,7 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
 @pytest.mark.full
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
-    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 7
+    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
     assert _row(page, "wrong").count("–") == 2, "rejection and R-hat; no run has an evidence"
     tau = data_of(page, "charts-data")["heat"]["inefficiency factor τ"]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
@@ -76,7 +76,9 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
         (0.85, 0.06, "info: The sequence is too short to decide on calibration; coverage of 90 % intervals: quick (85 ± 6 %)."),
     ],
 )
-def test_runs_are_told_by_what_their_intervals_cover(comparison: xr.DataTree, share: float, error: float, words: str) -> None:
+def test_runs_are_reported_by_what_their_intervals_cover(
+    comparison: xr.DataTree, share: float, error: float, words: str
+) -> None:
     tree = comparison.copy(deep=True)
     for name, value in (("coverage_all", share), ("coverage_se_all", error)):
         tree["summary"][name].loc[{"run": "quick"}] = value
@@ -102,13 +104,22 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
         np.testing.assert_allclose(drawn, np.reshape(named, (4, 20, 3)).swapaxes(1, 2), rtol=6e-3)
     summary = comparison["summary"].dataset.sel(run="quick")
     cells = _row(comparison_html(comparison), "quick")
-    assert cells[4:6] == [shown(float(summary[name])) for name in ("tau_median_all", "tau_all")]
-    assert cells[7] == shown(float(summary["ess_per_second_all"]))
+    assert cells[4] == f"{float(summary['rhat_all']):.2f}" and cells[5] == shown(float(summary["tau_median_all"]))
+    assert cells[6] == with_error(float(summary["tau_all"]), float(summary["tau_se_all"]))
+    assert cells[8:10] == [shown(float(summary[f"ess_per_{unit}_all"])) for unit in ("second", "gradient")]
 
 
 @pytest.mark.full
 def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) -> None:
-    assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress", "heat", "variance"}
+    assert set(comparison_charts(comparison)) == {
+        "cost",
+        "error",
+        "coverage",
+        "progress",
+        "autocorrelation",
+        "heat",
+        "variance",
+    }
     closed = {name: run_on(DATA, method="kalman", weighted=9.0, evaluations=(1, 1), with_truth=False) for name in ("a", "b")}
     result = compare(closed)
     assert comparison_charts(result) == {"heat": {}, "variance": {}}

@@ -9,8 +9,11 @@ from PIL import Image
 from synthetic import EDGES, synthetic_result
 
 from poseppl import report
-from poseppl.diagnostics.selection import evenly, expected_error, segments
+from poseppl.diagnostics.selection import evenly
 from poseppl.diagnostics.simulation_based import Calibration
+from poseppl.motion import report as of_bodies
+from poseppl.motion.poses import expected_error, segments
+from poseppl.motion.report import plot_overlay, plot_pose3d
 from poseppl.runs.results import Names, build_result
 
 
@@ -30,25 +33,27 @@ def test_a_result_without_a_body_has_a_picture() -> None:
     tree = build_result(state=np.random.default_rng(0).standard_normal((4, 20, 6, 1)), names=Names(("level",)))
     assert len(report.plot_track(tree)._repr_png_()) > 5000  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="no points"):
-        report.plot_overlay(tree)
+        plot_overlay(tree)
     with pytest.raises(ValueError, match="no markers"):
-        report.plot_pose3d(tree)
+        plot_pose3d(tree)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["overlay", "pose3d", "inefficiency", "error", "state"])
 def test_one_call_each(name: str) -> None:
-    picture = getattr(report, f"plot_{name}")(synthetic_result(num_frames=8))
+    picture = getattr(report if name in ("inefficiency", "state") else of_bodies, f"plot_{name}")(
+        synthetic_result(num_frames=8)
+    )
     assert len(picture._repr_png_()) > 5000
 
 
 def test_chosen_frames_and_coordinates() -> None:
     tree = synthetic_result(num_frames=8)
-    assert report.plot_overlay(tree, frame=12).axes[0].get_title(loc="left") == "frame 12"
+    assert plot_overlay(tree, frame=12).axes[0].get_title(loc="left") == "frame 12"
     chosen = ["knee_r.X", "root.tx"]
     assert [axes.get_title(loc="left") for axes in report.plot_state(tree, chosen).axes] == chosen
     with pytest.raises(ValueError, match="no frame 99; expected 10 to 17"):
-        report.plot_pose3d(tree, frame=99)
+        plot_pose3d(tree, frame=99)
 
 
 def test_bars_of_ranks_are_shares_of_all_simulations() -> None:
@@ -71,7 +76,7 @@ def test_a_mean_without_quantiles_has_no_interval() -> None:
 
 def test_overlay_shows_observations_where_they_are() -> None:
     tree = synthetic_result(num_frames=8)
-    lines = report.plot_overlay(tree, frame=11).axes[0].get_lines()
+    lines = plot_overlay(tree, frame=11).axes[0].get_lines()
     np.testing.assert_allclose(np.array(lines[-1].get_data()).T, tree["observed_data/points"].values[1, 0])
 
 

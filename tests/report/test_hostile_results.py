@@ -45,5 +45,8 @@ def test_texts_of_a_result_are_texts_on_its_page(made, monkeypatch: pytest.Monke
     plain, hostile = elements(made(HARMLESS)), elements(made(HOSTILE))
     assert hostile == plain and len(plain) > 100
     assert {tag for tag, *_ in plain} & {"script", "style", "table", "option"}
-    monkeypatch.setattr(page, "ENVIRONMENT", page.ENVIRONMENT.overlay(autoescape=False))  # what would be noticed
-    assert elements(made(HOSTILE)) != plain
+    escaping = page.environment_of
+    monkeypatch.setattr(
+        page, "environment_of", lambda *names: escaping(*names).overlay(autoescape=False)
+    )  # what would be noticed
+    assert elements(made(HOSTILE)) != plain  # what would be noticed

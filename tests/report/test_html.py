@@ -8,9 +8,9 @@ import pytest
 from page_reading import data_of, decoded
 from synthetic import synthetic_result
 
+from poseppl.motion.report.pose_views import pose_data
 from poseppl.report import report_html, write_report
 from poseppl.report.page import to_json
-from poseppl.report.pose_data import pose_data
 from poseppl.runs.results import Names, build_result
 
 
@@ -21,7 +21,7 @@ def test_one_file_without_a_network(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=[\"'](?!data:)", page)
     assert "Plotly" in page
-    for heading in ("Verdicts", "Poses", "Error and coverage", "Mixing", "Coordinates", "Settings"):
+    for heading in ("Verdicts", "Poses", "Error", "Coverage", "Mixing", "Coordinates", "Settings"):
         assert f"<h2>{heading}</h2>" in page
 
 
@@ -34,7 +34,7 @@ def test_text_of_the_user_is_escaped() -> None:
 
 
 @pytest.mark.full
-def test_provenance_and_verdicts_are_told() -> None:
+def test_provenance_and_verdicts_are_reported() -> None:
     page = report_html(synthetic_result(truth_scale=2.5, num_frames=40))
     assert "poseppl_models.synthetic:stick" in page
     assert "settings · num chains" in page
@@ -69,7 +69,7 @@ def test_a_model_without_a_body_has_a_report() -> None:
     assert "<h1>Posterior of a state-space model</h1>" in page
     tree.attrs["model"] = '"a cart"'
     assert "<h1>a cart</h1>" in report_html(tree)
-    assert data_of(page, "pose-data") is None
+    assert 'id="pose-data"' not in page
     assert "<h2>Poses</h2>" not in page
     assert list(data_of(page, "charts-data")["coordinates"]) == ["level", "slope"]  # type: ignore[index]
 

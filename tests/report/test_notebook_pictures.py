@@ -1,4 +1,4 @@
-"""Pictures of the notebooks show in Jupyter: each is a picture of ours, and the value of its cell."""
+"""Pictures of the notebooks show in Jupyter: each is one of our pictures, and the value of its cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours that stand beside each other are told apart by those who lack a kind of cone, by day and by night."""
+"""People who lack a kind of cone can distinguish adjacent colours, in the light and in the dark theme."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def least_distance(colors: list[str], sight: str) -> float:
 @pytest.mark.parametrize("sight", SIGHT)
 def test_colors_differ(sight: str) -> None:
     day = [POSTERIOR, OBSERVED, TRUTH, *MODES]
-    script = page.ENVIRONMENT.loader.get_source(page.ENVIRONMENT, "page.js")[0]  # type: ignore[union-attr]
+    environment = page.environment_of("poseppl.report")
+    script = environment.loader.get_source(environment, "page.js")[0]  # type: ignore[union-attr]
     night = dict(re.findall(r'"?(#[0-9a-f]{6})"?: "(#[0-9a-f]{6})"', script))
     assert set(day) <= set(night)
     for colors, ground in ((day, "#ffffff"), ([night[color] for color in day], "#1b1f24")):

@@ -1,4 +1,4 @@
-"""The report as it is read: no label leaves the page at any width, by day and by night, and the keyboard moves it."""
+"""Readability of the report: no label leaves the page at any width, in either theme, and the keyboard moves it."""
 
 from __future__ import annotations
 

@@ -12,12 +12,13 @@ from page_reading import data_of
 from synthetic import synthetic_result
 
 from poseppl.diagnostics.diagnosis import diagnose
-from poseppl.diagnostics.doubts import doubts_of
 from poseppl.diagnostics.run_figures import is_sampled
+from poseppl.motion.report.tables import cards as cards_of_body, doubt_table
+from poseppl.motion.verdicts.doubts import doubts_of
 from poseppl.report import plot_track, report_html
 from poseppl.report.charts import charts, inefficiency_panel
 from poseppl.report.page import Cell, filled
-from poseppl.report.tables import Top, cards, doubt_table, flatten, worst_frames_table
+from poseppl.report.tables import Top, cards, flatten, worst_frames_table
 from poseppl.report.titles import algorithms_of, short_names, title_of, wrapped
 from poseppl.runs.results import Names, build_result
 
@@ -86,17 +87,17 @@ def test_worst_frames_are_the_first_of_all() -> None:
     ess[7] = 10.0
     found = worst_frames_table(diagnose(synthetic_result(weighted=True, sample_stats={"ess": ess})))
     assert len(found.rows) == 10 and found.total == 24
-    assert found.rows[0]["frame"] == 17 and found.rows[0]["tau"] == 100.0
+    assert found.rows[0]["frame"] == 17 and found.rows[0]["tau"] == "100"
 
 
 def test_cards_without_a_figure_are_left_out() -> None:
     tree = diagnose(build_result(state=np.zeros((2, 1, 3, 1)), names=Names(("level",))))
     assert cards(tree) == []
     tree.attrs |= {"wall_seconds": "1.5", "assumed stature": "[1700, 60]"}
-    assert cards(tree) == [("1.70 ± 0.06 m", "assumed stature (± SD)"), ("2.0", "frames per second")]
+    assert cards(tree, cards_of_body(tree)) == [("1.70 ± 0.06 m", "assumed stature (± SD)"), ("2.0", "frames per second")]
     unknown = diagnose(synthetic_result(num_frames=3))
     unknown["diagnostics"]["joint_error"][:] = np.nan
-    assert "mean joint error" not in [label for _, label in cards(unknown)]
+    assert "mean joint error" not in [label for _, label in cards(unknown, cards_of_body(unknown))]
 
 
 def test_columns_without_a_figure_are_left_out() -> None:
@@ -131,7 +132,7 @@ def test_rows_beyond_the_first_are_counted() -> None:
 
 
 @pytest.mark.full
-def test_rows_that_are_not_shown_are_told() -> None:
+def test_rows_that_are_not_shown_are_reported() -> None:
     page = report_html(spans_of_low_confidence())
     section = page[page.index('<section id="trust">') :].split("</section>")[0]
     assert len(re.findall("<tr><td", section)) == 15 and "15 of 21 rows, the most severe first." in section

@@ -46,7 +46,7 @@ def test_settings_are_declared_as_they_are(algorithm: Algorithm):
 
 
 @every_algorithm
-def test_what_is_listed_is_told_by_a_sentence_and_may_be_left_out(algorithm: Algorithm):
+def test_what_is_listed_is_reported_by_a_sentence_and_may_be_left_out(algorithm: Algorithm):
     """Every argument but the model has a default, and every setting a sentence; no name stands for two fields."""
     assert algorithm.summary.endswith(".") and len(algorithm.summary) > 20
     parameters = list(signature(algorithm.builder).parameters.values())
@@ -89,14 +89,19 @@ CASES: list[tuple[str, dict[str, Any], str]] = [
     ("particle", {"ess_threshold": 1.5}, r"ess_threshold=1.5: expected a number in \[0, 1\]"),
     ("particle", {"resampling": "none"}, "expected one of systematic, stratified, residual, multinomial"),
     ("tempered", {"chain_length": 3}, "chain_length=3: expected a divisor of num_particles = 500"),
-    ("hidden-markov", {"num_chains": 3}, r"\(expected no settings\)"),
+    ("hidden-markov", {"num_chains": 3}, r"\(expected schedule\)"),
 ]
 
 
 @pytest.mark.parametrize(("name", "settings", "told"), CASES)
-def test_what_cannot_be_used_is_told_by_the_arguments_name(name: str, settings: dict[str, Any], told: str):
+def test_what_cannot_be_used_is_reported_by_the_arguments_name(name: str, settings: dict[str, Any], told: str):
     with pytest.raises(SettingError, match=told):
         FILTERS[name].check(settings)
+
+
+def test_an_algorithm_without_settings_says_so():
+    with pytest.raises(SettingError, match=r"\(expected no settings\)"):
+        SMOOTHERS["genealogy"].check({"num_chains": 3})
 
 
 def test_words_are_read_by_the_annotations():

@@ -59,7 +59,7 @@ def test_replicates_are_data_of_the_draws(result):
 @pytest.mark.full
 @pytest.mark.filterwarnings("ignore")
 def test_leave_one_out_is_that_of_the_exact_posterior():
-    """Of a linear Gaussian model with much noise, so that importance weights vary little: the smoother of other data."""
+    """A linear Gaussian model with much noise, so that importance weights vary little: the smoother of other data."""
     matrices = linear_gaussian_matrices(1, R=[[4.0]])
     ys, mask = np.array([[0.5], [-1.5], [0.0], [2.5], [3.0]]), np.ones((5, 1), bool)
     mask[2] = False
@@ -131,6 +131,6 @@ def test_what_is_missing_is_left_out_for_arviz_alone(result):
 
 
 @pytest.mark.full
-def test_a_result_without_data_is_told(result):
-    with pytest.raises(InputError, match="does not hold the data"):
+def test_a_result_without_data_is_reported(result):
+    with pytest.raises(InputError, match="does not contain the data"):
         poseppl.add_predictive(result.drop_nodes("observed_data"), POSED.model, jax.random.key(0), jnp.asarray(POSED.inputs))

@@ -70,7 +70,7 @@ def test_no_more_series_are_filtered_than_there_are(monkeypatch):
     assert sizes == [4, 4, 3]
 
 
-def test_series_that_fail_are_told(caplog):
+def test_series_that_fail_are_reported(caplog):
     data, inputs = DATA[:3].copy(), INPUTS[:3].copy()
     data[1, 4], inputs[2, 3:] = 1e30, np.nan
     lengths, kalman = [6, 6, 5], poseppl.kalman_filter(POSED.model, num_particles=200)

@@ -147,7 +147,7 @@ def test_ctrl_c_leaves_a_valid_checkpoint(tmp_path: Path) -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "other shapes", "unbalanced", "deflated"])
-def test_a_damaged_part_is_computed_anew(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_part_is_computed_again(tmp_path: Path, damage: str) -> None:
     go(tmp_path / "run")
     part = tmp_path / "run" / "part-000005-000009.npz"
     data = part.read_bytes()
@@ -175,7 +175,7 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
         go(tmp_path / "run", resume=True, key=jax.random.key(8))
     with pytest.raises(CheckpointError, match='filter: "particle" there, "hmc" here'):
         go(tmp_path / "run", resume=True, settings={"filter": "hmc"})
-    with pytest.raises(CheckpointError, match="holds this run already"):
+    with pytest.raises(CheckpointError, match="contains this run already"):
         go(tmp_path / "run")
 
 

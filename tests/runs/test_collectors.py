@@ -1,4 +1,4 @@
-"""What is kept of a frame: thinnings, and summaries over everything."""
+"""Outputs of a frame: thinned draws, and summaries over all draws."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_all_draws_of_short_chains_are_kept() -> None:
 
 
 def test_chains_of_unequal_weights_are_kept_by_them() -> None:
-    """Of four chains that lie apart the first has half of the weight, the last none."""
+    """Four chains lie apart; the first has half of the weight, the last none."""
     draws = jnp.asarray(np.arange(4.0)[:, None, None] + np.random.default_rng(0).uniform(0, 0.5, (4, 6, 2)))
     state = chain_state(draws, jnp.zeros(()), log_weights=jnp.log(jnp.array([0.5, 0.25, 0.25, 0.0])))
     kept = jax.jit(collect_draws(MODEL, max_draws=6))(KEY, state, INFO, None)
@@ -176,7 +176,7 @@ def test_angles_on_both_sides_of_pi_are_near_each_other(form: str, turns: int) -
 
 @pytest.mark.full
 def test_a_true_angle_is_one_in_any_turn() -> None:
-    """Of intervals about 3.1 those of 90 % hold a truth of -3.1, and not one of 0.5 the other way round; so do errors."""
+    """90 % intervals about 3.1 contain a truth of -3.1, but not one that is 0.5 off the other way; errors agree."""
     model = compass().compile()
     truth = np.array([[-3.1, 0.5, 0.0], [3.0, 0.5 + 2 * np.pi, 0.0], [0.5, -3.1, 0.0]])
     result = poseppl.infer(model, {"y": np.zeros(3)}, poseppl.particle_filter(model, 2000), KEY, truth=truth)

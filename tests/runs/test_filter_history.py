@@ -259,7 +259,7 @@ def test_a_history_without_room_is_left_out_and_reported(room):
     filter = poseppl.particle_filter(posed.model, 1000)
     result = poseppl.infer(posed.model, {"y": posed.data}, filter, KEY, history_mib=room, progress=Progress())
     assert ("filter_history" in result.children) == (room == 1.0)
-    assert [text.partition(":")[0] for text in said] == ["the filter's history needs 0 MiB, and has room for 0.05"] * (
+    assert [text.partition(":")[0] for text in said] == ["the filter's history needs 0 MiB, but its limit is 0.05"] * (
         room == 0.05
     )
     if room == 1.0:

@@ -99,7 +99,7 @@ def test_what_does_not_fit_is_said(result):
 
 @pytest.mark.slow
 def test_forecasts_cover_the_data_that_come():
-    """Eighty sequences of the model, each forecast from its middle: 90 % intervals hold as often as they say."""
+    """Eighty sequences of the model, each forecast from its middle: the coverage of 90 % intervals is 90 %."""
     inside, outside = [], []
     kalman = poseppl.kalman_filter(POSED.model, num_particles=300)
     inputs = np.ones((9, 1))

@@ -187,7 +187,7 @@ def test_what_is_no_model_filter_smoother_or_result_is_said():
         filtered(collect=lambda rng_key, state, info, inputs: state.particles)
     with pytest.raises(ValueError, match="does not know its model"):
         poseppl.smooth(filtered(), Smoother(genealogy_smoother(POSED.model).smooth, True), KEY)
-    with pytest.raises(ValueError, match="left is a Problem"):
+    with pytest.raises(ValueError, match="of the filter is a Problem"):
         poseppl.smooth(POSED, genealogy_smoother(POSED.model), KEY)
     with pytest.raises(ValueError, match="no ancestor"):
         poseppl.smooth(filtered(history_mib=0), genealogy_smoother(POSED.model), KEY, POSED.inputs)

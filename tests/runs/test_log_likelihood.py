@@ -225,7 +225,7 @@ JUMPY = np.array([0.2, 1.4, 2.6])
 
 
 def switching_model():
-    """A walk that steps by `jump` while it is busy; busy stays as it is with probability `stay`."""
+    """A walk that steps by `jump` while it is busy; busy does not change with probability `stay`."""
 
     def parameters():
         numpyro.sample("stay", dist.Uniform(0.0, 1.0))

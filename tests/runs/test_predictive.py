@@ -110,7 +110,7 @@ def test_what_is_predicted_of_the_state_is_what_the_exact_filter_makes_of_it() -
     np.testing.assert_allclose(prediction.autoregression[settled].mean(0), [*before, 0.9], atol=0.02)
     np.testing.assert_allclose(prediction.predicted_error**2, prediction.predicted_variance / 200, rtol=1e-5)
     moved = prediction.predicted_mean[settled, :2] + data.innovation[settled] - simulate(LINEAR, FRAMES, 0)["y"][settled]
-    assert np.abs(moved).max() < 1e-4  # of a state that is seen as it is
+    assert np.abs(moved).max() < 1e-4  # of a state that is seen exactly
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_what_was_not_seen_is_not_judged() -> None:
 
 @pytest.mark.slow
 def test_the_first_frame_is_judged_by_the_initial_program() -> None:
-    """Of many sequences of one frame; with `init` (particle) and with a state before the first frame (Kalman)."""
+    """Many sequences of one frame; with `init` (particle) and with a state before the first frame (Kalman)."""
     model = linear_gaussian(1, P=[[4.0]], m=[3.0], R=[[1.0]]).compile()
     first = np.random.default_rng(0).normal(3.0, np.sqrt(5.0), 200)
     for filter in (particle_filter(model, 50), kalman_filter(model, 50)):
@@ -240,7 +240,7 @@ def test_heuristic_likelihoods_predict_nothing() -> None:
 
 @pytest.mark.full
 def test_more_coordinates_than_draws():
-    """What the data take away is told of each of 30 coordinates from 20 states, by the formula on their covariance."""
+    """The share that data explain of each of 30 coordinates, from 20 states, by the formula on their covariance."""
     rng = np.random.default_rng(1)
     states, scores = rng.normal(size=(20, 30)), np.zeros((20, 30))
     scores[:, 0] = 3.0 * rng.normal(size=20)
@@ -265,7 +265,7 @@ def test_what_data_leave_of_errors_is_what_the_exact_filter_does() -> None:
 
 
 def test_weighted_draws_have_the_weighted_distribution() -> None:
-    """Of each coordinate on its own; no place in a stratum is preferred, so the share below any value is right on average."""
+    """Each coordinate separately; no position in a stratum is preferred, so the share below any value is right on average."""
     rng = np.random.default_rng(2)
     states, weights = rng.normal(size=(30, 2)), rng.dirichlet(np.ones(30))
     offsets = (np.arange(500) + 0.5) / 500
@@ -295,6 +295,6 @@ def test_ranks_among_eight_draws_are_uniform() -> None:
 
 
 def test_ranks_of_draws_that_are_equal_to_the_data() -> None:
-    """Of five places among four draws the value has the second, third or fourth, by chance."""
+    """The value has the second, third or fourth of five ranks among four draws, by chance."""
     draws, ties = jnp.array([2.0, 1.0, 3.0, 2.0]), jnp.array([0.0, 0.5, 1.0])
     np.testing.assert_allclose(_rank(ties, draws[:, None], jnp.full(3, 2.0)), [0.2, 0.5, 0.8], rtol=1e-6)

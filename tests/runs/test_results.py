@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import arviz_stats
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -60,6 +61,14 @@ def test_results_are_compressed(tmp_path: Path) -> None:
     tree = build_result(state=np.zeros((10, 100, 100, 5), np.float32), names=Names(tuple("abcde")))
     save_result(tree, tmp_path / "result.nc")
     assert (tmp_path / "result.nc").stat().st_size < tree["unconstrained_posterior/state"].nbytes / 10
+
+
+def test_random_numbers_are_not_packed(tmp_path: Path) -> None:
+    draws = np.random.default_rng(0).normal(size=(1, 200, 30, 2)).astype(np.float32)
+    save_result(build_result(state=draws, names=Names(("a", "b"))), tmp_path / "result.nc")
+    with h5py.File(tmp_path / "result.nc") as file:
+        state, mean = file["unconstrained_posterior/state"], file["summary/state_mean"]
+        assert state.compression is None and np.array_equal(state, draws) and mean.shape == (30, 2)
 
 
 @pytest.mark.full

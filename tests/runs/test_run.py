@@ -248,7 +248,7 @@ def run_failing(at: int, broken: bool = False, **options: Any) -> Any:
 
 
 @pytest.mark.full
-def test_a_failed_frame_is_told_by_its_number_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failed_frame_is_reported_by_its_number_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="poseppl"):
         run = run_failing(5, frame_numbers=range(100, 107))
     assert run.failed == (105,)
@@ -328,7 +328,7 @@ def test_impossible_data_of_a_real_model(caplog: pytest.LogCaptureFixture) -> No
             num_frames=6,
             collect=collect_draws(model),
         )
-    # an underflow of every weight is no -inf in logs; only what the filter flags is told
+    # an underflow of every weight is no -inf in logs; only frames that the filter flags are reported
     assert run.failed == tuple(np.flatnonzero(run.info.failed))
     assert np.isfinite(run.outputs.state).all()
 
@@ -346,14 +346,14 @@ class Told:
 
 
 @pytest.mark.full
-def test_progress_is_told_every_frame() -> None:
+def test_progress_is_reported_every_frame() -> None:
     told = Told()
     run_failing(100, progress=told)
     assert told.frames == 7
 
 
 def counting(compiles: Callable[..., Any], done: list[str]) -> Callable[..., Any]:
-    """What compiles, and tells so."""
+    """A model with a program that compiles, and reports it."""
 
     def compiling(*given: Any, **named: Any) -> Any:
         done.append("compiled")
@@ -392,7 +392,7 @@ def test_the_time_of_the_frames_holds_no_compilation(build: Any, monkeypatch: py
 
 @pytest.mark.full
 @pytest.mark.parametrize(("noise", "collapses"), [(1e-4, True), (1.0, False)])
-def test_a_filter_that_collapses_is_told(noise: float, collapses: bool) -> None:
+def test_a_filter_that_collapses_is_reported(noise: float, collapses: bool) -> None:
     model = linear_gaussian(2, R=noise**2 * np.eye(2)).compile()
     told = Told()
     observations = model.observe({"y": np.sin(np.arange(6)[:, None] + np.arange(2))})

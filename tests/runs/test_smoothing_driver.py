@@ -203,7 +203,7 @@ def test_results_without_a_genealogy_or_its_settings_are_refused():
     tree = small_result(history_mib=0)
     settings = json.loads(tree.attrs["settings"])
     tree.attrs["filter"] = json.dumps("kalman")
-    tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order", "num_iterations": 1})
+    tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order", "num_iterations": 1, "schedule": "auto"})
     with pytest.raises(InputError, match="'kalman' has no genealogy.*of the filter particle"):
         smooth(tree, SmoothSettings("genealogy"))
     tree.attrs["filter"] = json.dumps("particle")
@@ -222,5 +222,5 @@ def test_results_without_a_genealogy_or_its_settings_are_refused():
 def test_a_result_without_inputs_is_refused():
     tree = small_result()
     del tree["inputs"]
-    with pytest.raises(InputError, match="does not tell its inputs"):
+    with pytest.raises(InputError, match="does not contain its inputs"):
         smooth(tree)

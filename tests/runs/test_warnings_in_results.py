@@ -1,4 +1,4 @@
-"""What a run warned of is in its result, and among the verdicts."""
+"""Warnings of a run are in its result, and among the verdicts."""
 
 from __future__ import annotations
 

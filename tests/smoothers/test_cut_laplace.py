@@ -57,7 +57,7 @@ def dense() -> tuple[Any, Any, Any]:
 
 @pytest.fixture(scope="module")
 def smoothed() -> tuple[Any, Any]:
-    """What is smoothed, in double precision, and the data."""
+    """The model to smooth, in double precision, and the data."""
     values = np.random.default_rng(0).normal(size=(FRAMES, 3))
     with double_precision():
         model = StateSpaceModel(initial, transition, observation).compile()
@@ -98,7 +98,7 @@ def test_numbers_out_of_range_are_refused() -> None:
 
 @pytest.mark.full
 def test_robust_sites_are_as_sure_as_in_laplace_s_approximation() -> None:
-    """Where the data tell nothing of what does not change, the rest is what Laplace's smoother says, as near as climbs end."""
+    """If data do not depend on static coordinates, the rest agrees with Laplace's smoother, to the precision of searches."""
 
     def robust(params: Any, state: Any, inputs: Any) -> None:
         numpyro.sample("z", Lorentzian(dist.Normal(state["x"], NOISE), 4.0))

@@ -112,7 +112,7 @@ def test_draws_have_the_spread_of_the_curvature_at_expected_errors() -> None:
 @pytest.mark.full
 @pytest.mark.parametrize("step", [0.3, 1.0])
 def test_intervals_of_a_robust_model_hold(step: float) -> None:
-    """Of trajectories that the model draws, 90 % intervals hold 88 to 92 %; by the curvature at the mode they hold less."""
+    """The coverage of 90 % intervals for drawn trajectories is 88 to 92 %; by the curvature at the mode it is lower."""
     model, num_frames = robust_walk(step).compile(), 20
     blank = jnp.zeros((num_frames, 1, 1))
     history = History(blank, blank[..., 0], jnp.zeros((num_frames, 0), jnp.int32), jnp.zeros(num_frames, bool))

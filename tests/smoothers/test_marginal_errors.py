@@ -31,7 +31,7 @@ class Dense(NamedTuple):
 
 
 def joint_rows(view: Dense, frame: int) -> Floats:
-    """What a frame's data (2 M) see of its states and errors."""
+    """Derivatives of a frame's data (2 M) by its states and errors."""
     return np.concatenate([view.jacobian[:, frame].reshape(2 * M, N), RATIO * np.eye(2 * M)], 1)
 
 
@@ -96,7 +96,7 @@ def curvature(u: Floats, known: Floats, spread: Floats) -> Floats:
 
 
 def dense_covariance(case: Case, mode: Mode) -> tuple[Floats, Floats, Floats]:
-    """Of states and errors of all frames together, with the rows (T, 2 M, n) of the data, and their weights (M, T, 2, 2)."""
+    """Precision of all frames' states and errors, with the rows (T, 2 M, n) of the data, and their weights (M, T, 2, 2)."""
     size = N + 2 * M
     each = np.moveaxis(np.eye(T * size).reshape(-1, T, size), 0, 1)
     root = np.moveaxis(case.whole.innovations(each), 1, -1).reshape(T * size, T * size)

@@ -144,7 +144,7 @@ def test_few_frames_and_data_that_no_particle_explains(method, num_frames):
 
 
 @pytest.mark.full
-def test_bad_settings_are_told():
+def test_bad_settings_are_reported():
     model, _ = two_states()
     for settings in ({"num_particles": 1}, {"num_chains": 0}, {"num_draws": 0}, {"num_warmup": -1}, {"method": "forward"}):
         with pytest.raises(ValueError, match=next(iter(settings))):

@@ -168,7 +168,7 @@ def test_scales_are_positive_where_particles_do_not_differ(scaling):
 
 
 @pytest.mark.full
-def test_bad_settings_and_unsuitable_models_are_told():
+def test_bad_settings_and_unsuitable_models_are_reported():
     posed = problem()
     wrong = ({"num_particles": 1}, {"num_chains": 0}, {"num_draws": 0}, {"num_warmup": -1}, {"variant": "a"}, {"scaling": "b"})
     for settings in wrong:

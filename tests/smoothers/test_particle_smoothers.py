@@ -93,7 +93,7 @@ def test_exact_backward_simulation_draws_by_the_formula():
     for t in range(5):
         through = np.isclose(np.asarray(drawn[t])[:, None], np.asarray(history.particles[t])[None]).all(-1)
         share = through.mean(0)
-        # the last frame is drawn systematically, every other one anew: binomial is an upper bound of the spread
+        # the last frame is drawn systematically, every other one independently: binomial is an upper bound of the spread
         assert (np.abs(share - weights[t]) <= 5 * np.sqrt(weights[t] * (1 - weights[t]) / num) + 1e-4).all()
 
 
@@ -240,7 +240,7 @@ def test_two_filters_of_a_linear_gaussian_model_have_nearly_equal_weights():
 
 
 def test_the_effective_number_counts_the_particles_that_trajectories_pass():
-    """Of 60 trajectories, by counting alike states of each frame."""
+    """Expected number for 60 trajectories, by counting alike states of each frame."""
     history, observations, inputs = history_for_conduct()
     found = smooth(backward_simulation_smoother(MODEL, 60), history, observations, inputs)
     for particles, ess in zip(np.asarray(found.particles), np.asarray(found.info.ess), strict=True):

@@ -87,7 +87,7 @@ def simulate(rng_key):
 
 
 def quantities(xs):
-    """What is ranked, of trajectories (T, ...): three frames, and two products of neighbours."""
+    """Ranked quantities of trajectories (T, ...): three frames, and two products of neighbours."""
     return jnp.stack([xs[0], xs[2], xs[5], xs[0] * xs[1], xs[3] * xs[4]])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from law_problems import z_scores
 from oracles.kalman import kalman_filter
 from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 
+from poseppl.diagnostics.autocorrelation import array_stats
 from poseppl.errors import InputError
 from poseppl.filters import kalman_filter as kalman, particle_filter
 from poseppl.kernels.adaptive_covariance import initial_covariance
@@ -123,7 +124,7 @@ def test_a_chart_without_its_determinant_is_noticed(monkeypatch):
 
 
 @pytest.mark.full
-def test_evidence_that_is_estimated_anew_is_noticed(monkeypatch):
+def test_evidence_that_is_estimated_again_is_noticed(monkeypatch):
     right = particle_marginal._update
 
     def wrong(evaluate, num_warmup, state, row):
@@ -173,7 +174,7 @@ def test_the_chart_of_params():
 
 
 @pytest.mark.full
-def test_what_cannot_be_learned_is_told():
+def test_what_cannot_be_learned_is_reported():
     def counts():
         numpyro.sample("noise", dist.Poisson(3.0))
 
@@ -257,6 +258,25 @@ def test_a_filter_of_other_params_is_refused_by_pmmh():
     ):
         with pytest.raises(ValueError, match=match):
             pmmh(model, jax.random.key(0), observations, build_filter=build_filter)
+
+
+@pytest.mark.full
+def test_proposals_of_pmmh_do_not_shrink_because_the_likelihood_is_noisy():
+    """A standard Gaussian in two coordinates, whose log-density has noise of SD 1.7 and is unbiased in its exponential."""
+
+    def evaluate(key, u):
+        value = -0.5 * jnp.sum(u**2) + 1.7 * jax.random.normal(key) - 1.7**2 / 2
+        return value, value
+
+    warmup, zero, near = 1000, jnp.zeros(1), initial_covariance(jax.random.normal(jax.random.key(0), (64, 2)))
+    first = particle_marginal._State(jnp.zeros((1, 2)), zero, zero, jnp.zeros(()), near)
+    rows = jax.random.split(jax.random.key(1), 5 * warmup), jnp.arange(5 * warmup)
+    _, (draws, _, _) = jax.lax.scan(partial(particle_marginal._update, evaluate, warmup), first, rows)
+    kept = np.asarray(draws[warmup:, 0])
+    ess = array_stats().ess(kept.T[:, None])
+    assert (ess > 40).all()
+    assert (np.abs(kept.mean(0)) < 5 / np.sqrt(ess)).all()
+    assert (np.abs(kept.var(0) - 1) < 5 * np.sqrt(2 / ess)).all()
 
 
 @pytest.mark.parametrize(("number", "stays"), [(0, False), (9, False), (10, True), (500, True)])

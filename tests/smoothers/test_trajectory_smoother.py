@@ -156,7 +156,7 @@ def test_effective_draws_tell_independent_draws_from_repeated_ones():
 
 
 @pytest.mark.full
-def test_bad_settings_are_told():
+def test_bad_settings_are_reported():
     model = positive_model()
     for settings in (
         {"num_chains": 0},

@@ -1,12 +1,12 @@
 """Sizes of a standing adult from the stature alone, for bodies whose papers give none.
 
 Lengths of segments and heights of joints are the shares of stature of Drillis and Contini (1966, *Body Segment Parameters*,
-TR-1166-03), as in Winter, *Biomechanics and Motor Control of Human Movement* (2009, doi:10.1002/9780470549148, Fig. 4.1):
-heights of shoulder 0.818, hip 0.530, knee 0.285 and ankle 0.039, upper arm 0.186, forearm 0.146, hand 0.108, foot 0.152, and a
-breadth of the shoulders of 0.259, compared here with several reproductions of that figure, not with the report. It gives no
-thicknesses, and the breadth of the hips that it gives, 0.191, is that of the body: how far the centres of the hips lie apart
-(0.05 from the midline; H-Anim 1.1 has 0.055) and all thicknesses are chosen here, near the half-breadths and girths of adults
-in thin clothes.
+TR-1166-03), as in Winter, *Biomechanics and Motor Control of Human Movement* (2009, doi:10.1002/9780470549148, Fig. 4.1).
+Heights: shoulder 0.818, hip 0.530, knee 0.285, ankle 0.039. Lengths: upper arm 0.186, forearm 0.146, hand 0.108, foot 0.152.
+Breadth of the shoulders: 0.259. The values were compared with several reproductions of that figure, not with the report. The
+figure gives no thicknesses, and its breadth of the hips, 0.191, is that of the body. The distance of the centres of the hips
+(0.05 from the midline; H-Anim 1.1 has 0.055) and all thicknesses are our choice, near the half-breadths and girths of adults in
+thin clothes.
 
 >>> round(segment_lengths(1750.0)["thigh"], 1)
 428.8

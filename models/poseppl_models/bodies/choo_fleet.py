@@ -34,9 +34,9 @@ NOISE = 0.003
 RATE = 30.0
 """Frames a second of the paper's recordings."""
 SIGMA_POSITION = 15.0 * RATE**0.5
-"""Standard deviation of the random walk of translations, mm a root of a second: 15 mm a frame of the paper."""
+"""Standard deviation of the random walk of translations, mm per square root of a second: 15 mm a frame of the paper."""
 SIGMA_ANGLE = 0.15 * RATE**0.5
-"""Standard deviation of the random walk of angles, radians a root of a second: 0.15 a frame of the paper."""
+"""Standard deviation of the random walk of angles, radians per square root of a second: 0.15 a frame of the paper."""
 WALK: Mapping[str, float] = {"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE}
 """Both, as the params of a body that is seen as points."""
 REST_ANGLE = 0.1
@@ -75,6 +75,11 @@ def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
 
 
 def _tree(size: Mapping[str, float]) -> KinematicTree:
+    return kinematic_tree(*joints_and_markers(size))
+
+
+def joints_and_markers(size: Mapping[str, float]) -> tuple[list[Joint], list[Marker]]:
+    """The joints and markers of Fig. 1 for segment lengths in mm, parents first."""
     joints = [
         Joint("spine", None, (0, 0, 0), "ZYX"),
         Joint("head", "spine", (0, 0, size["spine"]), "ZYX"),
@@ -105,7 +110,7 @@ def _tree(size: Mapping[str, float]) -> KinematicTree:
             Marker(f"knee_{side}", f"knee_{side}"),
             Marker(f"ankle_{side}", f"knee_{side}", (0, 0, -size["shank"])),
         ]
-    return kinematic_tree(joints, markers)
+    return joints, markers
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ...] | None = None) -> Body:
@@ -117,16 +122,16 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
     """
     sizes = {**LENGTHS, **(lengths or {})}
     tree = choo_fleet_tree(sizes)
-    program, rest = walking_body(tree.coordinates, see_points, mean_reverting_walk), _rest(tree, sizes)
+    program, rest = walking_body(tree.coordinates, see_points, mean_reverting_walk), standing_pose(tree, sizes)
     body = Body(program, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, WALK, NOISE)
     return body._replace(segments=segments("spine"), postures=POSTURES)
 
 
-def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:
-    """Standing at ease: knees and elbows slightly bent, which distinguishes front from back."""
+def standing_pose(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:
+    """State (d,) of standing at ease: knees and elbows slightly bent, which distinguishes front from back; soles are level."""
     rest = np.zeros(tree.dimension)
     rest[2] = (size["shank"] + size["thigh"]) * np.cos(REST_ANGLE) + size["hip_drop"]
-    bends = {"hip": REST_ANGLE, "knee": -2 * REST_ANGLE, "elbow": 2 * REST_ANGLE}
+    bends = {"hip": REST_ANGLE, "knee": -2 * REST_ANGLE, "ankle": REST_ANGLE, "elbow": 2 * REST_ANGLE}
     for index, (joint, axis) in enumerate(tree.coordinates):
         if axis == "X":
             rest[index] = bends.get(joint.partition("_")[0], 0.0)
@@ -161,19 +166,19 @@ def measure(markers: Mapping[str, Any]) -> dict[str, float]:
         raise ValueError(f"no {', '.join(sorted(missing | trunk))} among the markers")
     lengths: dict[str, float] = {}
     for name, pairs in _SEGMENTS.items():
-        found = [_median(np.linalg.norm(seen[a] - seen[b], axis=-1)) for a, b in pairs if a in seen and b in seen]
+        found = [median_of(np.linalg.norm(seen[a] - seen[b], axis=-1)) for a, b in pairs if a in seen and b in seen]
         if found:
             lengths[name] = float(np.mean(found))
-    up = _unit(seen["neck"] - seen["pelvis"]) if "neck" in seen else np.array([0.0, 0.0, 1.0])
+    up = unit_vector(seen["neck"] - seen["pelvis"]) if "neck" in seen else np.array([0.0, 0.0, 1.0])
     lengths |= _flare(seen, up, "hip", "pelvis")
     if not trunk:
         lengths |= _flare(seen, up, "shoulder", "neck")
     if "chest" in seen and "neck" in seen:
-        lengths["chest"] = _median(np.sum((seen["chest"] - seen["pelvis"]) * up, -1))
+        lengths["chest"] = median_of(np.sum((seen["chest"] - seen["pelvis"]) * up, -1))
     if {"neck", "skull", "crown"} <= set(seen):  # the nearest points on the line that the body has
         whole = seen["crown"] - seen["neck"]
-        lengths["neck"] = _median(np.sum((seen["skull"] - seen["neck"]) * _unit(whole), -1))
-        lengths["head"] = _median(np.linalg.norm(whole, axis=-1)) - lengths["neck"]
+        lengths["neck"] = median_of(np.sum((seen["skull"] - seen["neck"]) * unit_vector(whole), -1))
+        lengths["head"] = median_of(np.linalg.norm(whole, axis=-1)) - lengths["neck"]
     return _in_proportion(lengths) | lengths
 
 
@@ -203,19 +208,21 @@ def _flare(markers: Mapping[str, Any], up: np.ndarray, ends: str, centre: str) -
     """Place two joints against the spine: half their width, how far their middle lies in front of ``centre`` and below."""
     left, right = markers[f"{ends}_l"], markers[f"{ends}_r"]
     across = right - left
-    forward = np.cross(up, _unit(across))  # the tilt across the spine only shortens it by a cosine
+    forward = np.cross(up, unit_vector(across))  # the tilt across the spine only shortens it by a cosine
     middle = (left + right) / 2 - markers[centre]
     return {
-        f"{ends}_width": _median(np.linalg.norm(across, axis=-1)) / 2,
-        f"{ends}_forward": _median(np.sum(middle * _unit(forward), -1)),
-        f"{ends}_drop": -_median(np.sum(middle * up, -1)),
+        f"{ends}_width": median_of(np.linalg.norm(across, axis=-1)) / 2,
+        f"{ends}_forward": median_of(np.sum(middle * unit_vector(forward), -1)),
+        f"{ends}_drop": -median_of(np.sum(middle * up, -1)),
     }
 
 
-def _unit(vector: np.ndarray) -> np.ndarray:
+def unit_vector(vector: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) of length 1 in the same directions."""
     unit: np.ndarray = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
     return unit
 
 
-def _median(values: np.ndarray) -> float:
+def median_of(values: np.ndarray) -> float:
+    """The median of the values that are known."""
     return float(np.nanmedian(values))

@@ -1,10 +1,10 @@
 """Bodies of cones on one skeleton: what the published bodies of image-based trackers share.
 
-The skeleton's joints are a pelvis (the root, between the hips), a thorax at the same place, a neck and two clavicles where
-the shoulders' line crosses the midline, shoulders, elbows and wrists, hips, knees and ankles. A body says about which axes
-each of them turns, "" for none, and which cones ride on them. z points up, y forward, x to the right; limbs hang along -z,
-so that elbows bend by positive turns about X and knees by negative ones, and left limbs are lifted sideways by positive
-turns about Y, right ones by negative ones. Parts are called after the segment, with ``_l`` or ``_r``.
+The skeleton's joints are a pelvis (the root, between the hips), a thorax at the same position, shoulders, elbows, wrists, hips,
+knees and ankles. A neck and two clavicles lie where the shoulders' line crosses the midline. A body declares the rotation axes
+of each joint, "" for none, and the cones that it moves. z points up, y forward, x to the right; limbs hang along -z. Elbows
+bend by positive rotations about X, and knees by negative ones. Left limbs are lifted sideways by positive rotations about Y,
+right limbs by negative ones. Parts have the name of their segment, with ``_l`` or ``_r``.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """Limits of joint angles as data, as a hard constraint and as a smooth barrier.
 
 The ranges are those of healthy adults by the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring and
-Recording*, 1965), taken axis by axis: broad ones, as Peursum et al. (2010, section 3.4) ask for, which are right for most
-motions and specific to none. We know the book through tables that cite it. Shoulder, elbow and forearm (flexion 180, extension
-60, abduction 180; 0 to 150; 80 both ways) were compared with Norkin and White, *Measurement of Joint Motion: A Guide to
-Goniometry*, Table A.1, and the knee's 135 with such a table; neck, trunk, hip and ankle agree with physiotherapists' tables
-that name no source. Ours, by need: 5 degrees of hyperextension at elbows and knees, and a right angle both ways for the turn of
-the upper arm about the vertical, for the book measures rotation (70 inwards, 90 outwards) with a lifted arm. The clavicle
-is not in the book: 45 degrees up, 10 down, 30 forwards and back are the largest that textbooks of kinesiology give (15 to 30
-for the latter). Signs are those of :mod:`poseppl_models.bodies.cone_body`.
+Recording*, 1965), taken axis by axis. They are wide, as Peursum et al. (2010, section 3.4) require: right for most motions and
+specific to none. Our source is tables that cite the book. Shoulder, elbow and forearm (flexion 180, extension 60, abduction
+180; 0 to 150; 80 both ways) were compared with Norkin and White, *Measurement of Joint Motion: A Guide to Goniometry*, Table
+A.1, and the knee's 135 with such a table; neck, trunk, hip and ankle agree with physiotherapists' tables that name no source.
+Our own choices are 5 degrees of hyperextension at elbows and knees, and a right angle both ways for the rotation of the upper
+arm about the vertical. (The book measures this rotation, 70 inwards and 90 outwards, with a lifted arm.) The clavicle is not in
+the book: 45 degrees up, 10 down, 30 forwards and back are the largest that textbooks of kinesiology give (15 to 30 forwards and
+back). Signs are those of :mod:`poseppl_models.bodies.cone_body`.
 
 Outside of the limits the hard log-factor is -inf; the barrier is, for widths s,
 

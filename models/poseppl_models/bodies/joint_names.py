@@ -6,8 +6,8 @@ coincide, so that ``Spine`` is the middle. MakeHuman's ``__Jaw`` begins at the t
 
 The conventions, by the left elbow: ASF ``lhumerus``; MotionBuilder, Mixamo and CMU's BVH ``LeftForeArm``; MakeHuman
 ``LoArm_L``; Bandai-Namco and Unreal ``LowerArm_L``; Blender ``forearm.L``; Poser and DAZ ``lForeArm``; 3ds Max
-``Bip01_L_Forearm``; SMPL and DeepMimic ``left_elbow``. Names are compared without case, punctuation and namespace where
-none fits as it is written.
+``Bip01_L_Forearm``; SMPL and DeepMimic ``left_elbow``. Names are compared without case, punctuation and namespace if none fits
+exactly.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SKIN = {
     "skull": ("C7+CLAV+LFHD+RFHD+LBHD+RBHD",),
     "crown": ("LFHD+RFHD+LBHD+RBHD",),
 }
-"""Skin markers whose mean lies near each of ours, centimetres off, which the residual tells: Plug-in Gait, with
+"""Skin markers whose mean lies near each of our markers, within centimetres, which the residual shows: Plug-in Gait, with
 CMU's names of the waist too, and two sets of OpenSim; and OpenPose's joints."""
 
 _SKIN_OF_SIDE = {
@@ -68,6 +68,18 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
 }
 """The names of each of the 17 markers."""
 
+_FOOT_OF_SIDE = {
+    "heel": ("{S}HEE", "{S}_calc", "{s}heel"),
+    "big_toe": ("{S}TOE", "{S}_toe", "{s}toes", "{Left}ToeBase_end", "{Left}Toe"),
+    "small_toe": ("{S}MT5", "{S}_5meta"),
+}
+FOOT_ALIASES: Mapping[str, tuple[str, ...]] = {
+    f"{part}_{side}": tuple(name.format(s=side, S=side.upper(), Left=left) for name in names)
+    for part, names in _FOOT_OF_SIDE.items()
+    for side, left in (("l", "Left"), ("r", "Right"))
+}
+"""The names of the markers of feet; those of skin markers lie near ours."""
+
 
 def segments(torso: str) -> dict[str, str]:
     """Joints by the segments of OpenSim's bodies, as :attr:`poseppl.motion.bodies.body.Body.segments` has them.
@@ -78,3 +90,8 @@ def segments(torso: str) -> dict[str, str]:
     limbs = {"femur": "hip", "tibia": "knee", "humerus": "shoulder", "ulna": "elbow"}
     sided = {f"{segment}_{side}": f"{joint}_{side}" for segment, joint in limbs.items() for side in "lr"}
     return {"pelvis": "pelvis", "torso": torso, **sided}
+
+
+def foot_segments() -> dict[str, str]:
+    """Joints by OpenSim's bodies of the feet: the ankle turns the heel, subtalar joint and all."""
+    return {f"calcn_{side}": f"ankle_{side}" for side in "lr"}

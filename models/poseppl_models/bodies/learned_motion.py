@@ -66,7 +66,7 @@ class Activity(NamedTuple):
         components: Phi (L, eta).
         residual_scale: psi (L,), radians.
         residual_kept: rho (L,).
-        other: What moves in the last phase, which is then other motion; None without such a phase.
+        other: Parameters of the last phase, which is then other motion; None without such a phase.
     """
 
     initial: Array

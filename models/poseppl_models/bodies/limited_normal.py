@@ -1,9 +1,9 @@
 """Normal distributions within joint limits, whose bijector is the identity.
 
 NumPyro maps an interval to the real line by a logistic function, which moves a limit to infinity: a straight knee, 5 degrees
-from its limit, would lie in the tail. Here an angle within its limits stays an angle, as a circular one does, so that the flat
-state of a body is its pose, and its density is 0 (its logarithm -inf) beyond a limit. What searches for modes under bounds
-finds these in the site's support.
+from its limit, would lie in the tail. Here an angle within its limits stays an angle, as a circular one does. So the flat state
+of a body is its pose, and its density is 0 (its logarithm -inf) beyond a limit. Searches for modes under bounds find these in
+the site's support.
 
 >>> import jax.numpy as jnp
 >>> knee = LimitedNormal(jnp.array([-0.1]), 0.2, jnp.array([-2.36]), jnp.array([0.09]))

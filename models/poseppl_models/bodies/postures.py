@@ -40,3 +40,11 @@ def _both_sides() -> dict[tuple[str, str], tuple[float, float]]:
 
 POSTURES: Mapping[tuple[str, str], tuple[float, float]] = _both_sides()
 """Those of all joints: on the right turns about Y and Z are the other way."""
+
+_FOOT: Mapping[tuple[str, str], tuple[float, float]] = {("ankle", "X"): (0.12, 0.20), ("ankle", "Y"): (0.0, 0.14)}
+"""Ankle and subtalar angle of the left foot in two walks and squats by OpenCap and by OpenSim (as above, 0.05 in quadrature),
+each side as much; the mean inversion, whose sign differs between them, is 0."""
+FOOT_POSTURES: Mapping[tuple[str, str], tuple[float, float]] = {
+    (f"{joint}_{side}", axis): posture for (joint, axis), posture in _FOOT.items() for side in "lr"
+}
+"""Those of the ankles."""

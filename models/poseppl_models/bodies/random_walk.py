@@ -71,7 +71,7 @@ def walking_body(
 
     Args:
         coordinates: Joint and axis of each coordinate.
-        observe: What is observed of a pose; inputs are those of :func:`random_walk`, too.
+        observe: Observations of a pose; inputs are those of :func:`random_walk`, too.
         walk: From the sites to the initial and the transition program.
     """
     spans = joint_sites(coordinates)

@@ -1,4 +1,4 @@
-"""What is observed of a pose: image points, or silhouettes, in any number of cameras."""
+"""Observations of a pose: image points, or silhouettes, in any number of cameras."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 31 coordinates and 10 elliptical cones. The benchmark's rotation from three angles is E(a, b, c) = Rz(c) Rx(a) Ry(b), inverted
 at every joint except the pelvis, with fixed quarter turns between the joints. Here the fixed turns are carried out to the
-leaves: they only permute axes and turn signs, so that the body is a plain kinematic tree, and a pose of the benchmark is a
-state with its coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`).
+leaves: they only permute axes and change signs, so that the body is a plain kinematic tree. A pose of the benchmark is a state
+with its coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`).
 
 The likelihood has no noise of its own: of edge samples along the sides of all parts in all cameras, and of samples inside,
 
@@ -140,9 +140,9 @@ LIMBS = {
 def limb_groups(body: BodytrackBody) -> list[list[int]]:
     """Coordinates of each limb: the groups in which two parents are crossed.
 
-    The likelihood is nearly a sum over limbs, so that one particle may have found a leg and another an arm. Where a child takes
-    each limb whole from either of two parents, it can have both (Deutscher, Davison and Reid 2001,
-    doi:10.1109/CVPR.2001.991028); a limb that is cut in two would fit nowhere.
+    The likelihood is nearly a sum over limbs, so that one particle may have found a leg and another an arm. A child that takes
+    each whole limb from either of two parents can have both (Deutscher, Davison and Reid 2001, doi:10.1109/CVPR.2001.991028). A
+    limb that is cut in two would fit nowhere.
 
     Returns:
         Seven groups of indices into the state, which together are all 31, for the ``crossover`` of

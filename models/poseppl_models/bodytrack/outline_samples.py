@@ -9,8 +9,8 @@ count. :class:`Spacing` asks for a sample every so many pixels, at least 4 inter
 
 Maps have one row more than the image, which is 0 and stands for all that lies outside (:func:`pad_maps`).
 
-Places, values and sums are computed one after the other: were they one expression, the compiler would compute the outlines anew
-for every sample, many times slower. A loop over cameras keeps the places apart from the look-up, which no barrier does.
+Positions, values and sums are computed one after the other. In one expression the compiler would compute the outlines again for
+every sample, which is many times slower. A loop over cameras separates the positions from the look-up, which no barrier does.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def spaced_sums(corners: Array, edge_map: Array, inside_map: Array, spacing: Spa
         edge_map: Padded values (C, H + 1, W) that are summed along the sides.
         inside_map: Padded values (C, H + 1, W) that are summed inside.
         spacing: Pixels between samples.
-        rooms: Of each part, the largest numbers of intervals.
+        rooms: Largest numbers of intervals of each part.
     """
     total = _nothing(corners)
     for room, shape, sides, rows, columns in _groups(corners, spacing, rooms):

@@ -1,9 +1,9 @@
 """The system of Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348) with what it learns from recordings.
 
-Body and likelihood are those of :func:`poseppl_models.images.image_systems.darby_system`. Learned are the walk's standard
-deviations, half of the largest change between frames (section 6.2), the limits of the joints, if they are of the person who is
-seen ("known"), and with ``guided`` the motion itself (:mod:`poseppl_models.bodies.learned_motion`), whose angles lie on the
-components.
+Body and likelihood are those of :func:`poseppl_models.images.image_systems.darby_system`. The walk's standard deviations are
+learned, as half of the largest change between frames (section 6.2). The limits of the joints are learned if the recordings are
+of the tracked person ("known"). With ``guided`` the motion itself is learned (:mod:`poseppl_models.bodies.learned_motion`), and
+angles lie on its components.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def darby_learned_system(
     """Build it.
 
     Args:
-        person: Who is seen.
+        person: Person that is seen.
         model: File of the learned motion, at as many frames a second as the person is seen.
         subject: The person, if it is one of those that the motion was learned from.
         guided: Whether the learned angles move as was learned; otherwise they walk at random as the others.
@@ -111,7 +111,7 @@ def _guided(model: MotionModel, taught: Any) -> LearnedMotion:
 
 
 def _groups(model: MotionModel) -> Sequence[Sequence[int]]:
-    """What stays together when two parents are crossed: phase with features, and each free joint."""
+    """Blocks that stay together when two parents are crossed: phase with features, and each free joint."""
     count = 1 + model.components.shape[1]
     joints = [model.coordinates[index].rpartition(".")[0] for index in model.free]
     each = [[count + at for at, name in enumerate(joints) if name == joint] for joint in dict.fromkeys(joints)]

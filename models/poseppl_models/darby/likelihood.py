@@ -15,9 +15,9 @@ g being the ratio of foreground to background pixels of the image (z) and of the
 the paper uses 5. The paper gives -log p up to a factor, which annealing sets: here it is ``beta``, the inverse temperature
 at which the mean squared errors are a negative log-density.
 
-Samples count by the length of the side or the area of the cell that they stand for. What is not known, or lies outside of
-the image, does not count; where no sample counts the mean error is 1, the largest, so that leaving the image never pays.
-W's ratios are over what is known, on a grid of pixels, and W is at least 1e-6.
+The weight of a sample is the length of the side or the area of the cell that it represents. Samples that are unknown, or
+outside of the image, have no weight. If no sample has weight, the mean error is 1, the largest, so that leaving the image has
+no advantage. W's ratios are over the known pixels of a grid, and W is at least 1e-6.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def darby_monocular_score(stride: int) -> CameraScore:
     It has no gradient: the silhouette's size is counted.
 
     Args:
-        stride: Of the evidence's grid, px.
+        stride: Stride of the evidence's grid, px.
     """
 
     def score(seen: SeenBody) -> Array:
@@ -103,5 +103,5 @@ def _ratio(foreground: Array, known: Array) -> Array:
 
 
 def _barrier(corners: Array, smooth: bool) -> Array:
-    """Compute corners once, not anew for every sample; the smooth ones are left to the compiler, which differentiates them."""
+    """Compute corners once, not again for every sample; the smooth ones are left to the compiler, which differentiates them."""
     return corners if smooth else computed_once(corners)

@@ -1,9 +1,9 @@
 """Outer contours of many silhouettes at once, traced along the borders of grid points, and their Fourier descriptors.
 
 A silhouette is given as words of bits (:mod:`poseppl_models.images.silhouette_bits`). The contour starts at the first point
-that is set, row by row, and follows the border between points that are set and such as are not, the silhouette on its right,
-points that touch at a corner taken as connected (Rosenfeld and Kak 1982, *Digital Picture Processing*, section 11.1). Every
-so many steps a corner is kept. All silhouettes take their steps together, so that a step costs two look-ups of a
+that is set, row by row. It follows the border between points that are set and points that are not, with the silhouette on its
+right; points that touch at a corner are connected (Rosenfeld and Kak 1982, *Digital Picture Processing*, section 11.1). A
+corner is kept at regular intervals of steps. All silhouettes take their steps together, so that a step costs two look-ups of a
 silhouette.
 
 Descriptors are those of :func:`poseppl.motion.vision.fourier_descriptors`, |Z_k| / |Z_1| for k = -1, 2, -2, 3, ..., but with
@@ -96,7 +96,7 @@ def polygon_descriptors(x: Array, y: Array, count: int = 20) -> Array:
 
     Args:
         x: Corners; repeated ones do nothing.
-        y: Likewise, downwards, the contour going clockwise as it is seen.
+        y: Likewise, downwards; the contour goes clockwise in the picture.
         count: How many: :func:`poseppl.motion.vision.fourier_descriptors`.
     """
     dx, dy = jnp.roll(x, -1, 0) - x, jnp.roll(y, -1, 0) - y

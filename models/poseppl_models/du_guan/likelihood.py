@@ -10,11 +10,11 @@ takes the two distances as densities, which grow with the resemblance of nothing
 chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and ``params["boundary_scale"]``; p_1
 is taken to the power 1 / s_1, ``params["overlap_scale"]``, as it stands at 1.
 
-Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
-overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part
-that another one hides shows that one's colours: the weights of parts are the caller's. Where no part is seen, d = 1.
-Boundaries are traced on the grid of the silhouettes (:mod:`poseppl_models.du_guan.contour_tracing`); where the image has none
-p_3 = 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
+Colours are those at a grid of known pixels of each part. If n_b of the n pixels are in bin b, each of them adds sqrt(q_b / (n
+n_b)) to the overlap of the part's histogram with the target q. This needs no histogram. A part that another one hides shows
+that one's colours: the weights of parts are the caller's. If no part is seen, d = 1. Boundaries are traced on the grid of the
+silhouettes (:mod:`poseppl_models.du_guan.contour_tracing`). If the image has none, p_3 = 1; if the body has none, its
+descriptors are 0. p_1 is at least 1e-6.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def du_guan_score(stride: int) -> CameraScore:
     """Write log p_1 p_2 p_3 for each camera, without a gradient.
 
     Args:
-        stride: Of the evidence's grid, px.
+        stride: Stride of the evidence's grid, px.
     """
 
     def score(seen: SeenBody) -> Array:

@@ -1,1 +1,1 @@
-"""What the image-based systems of several papers share."""
+"""Common parts of the image-based systems of several papers."""

@@ -38,7 +38,7 @@ def part_capsules(flesh: Flesh, parts: PartFrames, kind: Literal["inside", "arou
 
     Args:
         flesh: Sizes of the parts, leaves (P, ..., N or 1).
-        parts: Where they are, leaves (P, ..., N).
+        parts: Their positions, leaves (P, ..., N).
         kind: "inside" of the parts, their ends drawn in by the radius, or "around" them.
     """
     if kind == "around":

@@ -25,7 +25,7 @@ def two_way_of_features(features: Sequence[FrameFeatures], *, stride: int = 4) -
     """Take the evidence of silhouettes and edges of a frame.
 
     Args:
-        features: Of C cameras, all of one size.
+        features: Features of C cameras, all of one size.
         stride: Pixels between points of the grid.
     """
     near = np.stack([each.edge_proximity for each in features]).astype(np.float64)
@@ -50,9 +50,9 @@ def du_guan_of_features(
     """Take the evidence of silhouettes, colours and boundaries of a frame; all parts have weight 1.
 
     Args:
-        features: Of C cameras, all of one size.
+        features: Features of C cameras, all of one size.
         images: (H, W, 3) RGB of each.
-        colours: What is sought (C, P, bins), of :func:`colours_at`.
+        colours: Target colours (C, P, bins), from :func:`colours_at`.
         stride: Pixels between points of the grid.
     """
     shown, known = (np.stack(maps) for maps in zip(*((f.foreground, f.ignore == 0) for f in features), strict=True))

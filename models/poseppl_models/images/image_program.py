@@ -30,10 +30,10 @@ class SeenBody(NamedTuple):
 
     Attributes:
         flesh: Its parts' sizes.
-        parts: Where they are in the world.
+        parts: Their positions in the world.
         cameras: The cameras, px.
-        evidence: What the likelihood wants to know of the images.
-        params: Of the program.
+        evidence: Evidence of the images that the likelihood needs.
+        params: Params of the program.
     """
 
     flesh: Flesh
@@ -47,7 +47,7 @@ class SeenBody(NamedTuple):
         return outline_corners(self.cameras, self.flesh, self.parts)
 
     def silhouette(self, stride: int) -> Array:
-        """Where the body is on a grid of ``stride`` px, as far as there is evidence: bits in words (C, rows, words, N)."""
+        """Silhouette of the body on a grid of ``stride`` px, within the evidence: bits in words (C, rows, words, N)."""
         rows, words = self.evidence.known.shape[1:3]
         known: Array = self.evidence.known
         return body_bits(self.cameras, self.flesh, self.parts, rows, words, stride) & known
@@ -67,11 +67,11 @@ class ImageInputs(NamedTuple):
     Attributes:
         cameras: C cameras, px.
         camera_weight: Shape (C,): 1 for a camera that counts, 0 for one that drops out.
-        evidence: What the likelihood wants to know of the images, a pytree with leaves (C, ...).
+        evidence: Evidence of the images that the likelihood needs, a pytree with leaves (C, ...).
         start: Mean of the first state (d,): mm and radians.
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,).
-        activity: What a learned motion takes the random walk's place with; None of a walk.
+        activity: Programs of a learned motion in place of the random walk; None for a walk.
         limits: Least and largest coordinates (d, 2), where they were learned.
         features: Those of the start (eta,), likewise.
         seconds: Between the frame before and this one (); None where no motion has velocities.

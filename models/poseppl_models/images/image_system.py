@@ -1,4 +1,4 @@
-"""What a model of a body in images hands to an experiment: programs, the inputs that pictures give, and the true poses.
+"""Interface of a model of a body in images to an experiment: programs, inputs from pictures, and true poses.
 
 A system is built for a person who was seen: :class:`SeenPerson` tells how they moved and what cameras saw of them at first. The
 builder is a function of a :class:`SeenPerson` and settings of its own, which are numbers, flags and words; it is named by a
@@ -24,7 +24,7 @@ class Sight(NamedTuple):
     """One frame as C cameras show it.
 
     Attributes:
-        features: Of each camera.
+        features: Features of each camera.
         images: (H, W, 3) RGB of each camera.
     """
 
@@ -32,7 +32,7 @@ class Sight(NamedTuple):
     images: Sequence[Image]
 
     def of_cameras(self, number: int) -> Sight:
-        """What the first cameras show."""
+        """Pictures of the first cameras."""
         return Sight(self.features[:number], self.images[:number])
 
 
@@ -53,7 +53,7 @@ class SeenPerson(NamedTuple):
 
 
 class LearnedMotion(NamedTuple):
-    """What a system whose motion is learned from recordings adds; inputs and states are those of its own programs.
+    """Additions of a system whose motion is learned from recordings; inputs and states are those of its own programs.
 
     Attributes:
         poses: From states (N, d') and inputs to poses (N, d).
@@ -78,7 +78,7 @@ class ImageSystem(NamedTuple):
         inputs: Inputs of a frame, from what the cameras show.
         fitted: Poses that are closest to the truth (T, d).
         limbs: Coordinates of each limb, for crossover.
-        learned: What a learned motion adds; None where states are poses and nothing is learned.
+        learned: Additions of a learned motion; None if states are poses and nothing is learned.
     """
 
     tree: KinematicTree

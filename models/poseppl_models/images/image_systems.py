@@ -3,11 +3,11 @@
 Bodies have the person's stature; those of Darby and of Du and Guan the segment lengths, too (Peursum's has fixed proportions).
 The first state is Gaussian around the body's pose that is closest to the first frame's truth, with the walk's own scale.
 Peursum's diffusion is the published one (section 5.2), of variances a frame at 25 Hz. For the others it is half the largest
-change of each coordinate between frames (Darby, section 6.2; Du and Guan do not tell), here of the poses closest to the truth,
-which tells the filters how fast this person moves, and not when or where to.
+change of each coordinate between frames (Darby, section 6.2; Du and Guan do not specify it). Here it comes from the poses
+closest to the truth, so the filters know how fast this person moves, but not when or where to.
 
-What the papers do not give is ours: Du and Guan's scales of colours and boundaries, and the scale of Peursum's D, so that its
-exponent is a setting.
+The papers do not give Du and Guan's scales of colours and boundaries; they are our choice. So is the scale of Peursum's D,
+whose exponent is therefore a setting.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def peursum_system(person: SeenPerson, *, views: int = 4, measured: bool = False
     """Peursum, Venkatesh and West (2010).
 
     Args:
-        person: Who is seen.
+        person: Person that is seen.
         views: How many cameras are used, the first ones.
         measured: Whether the diffusion is that of the other two systems instead of the published one.
         exponent: lambda of Eq. 9.
@@ -67,7 +67,7 @@ def darby_system(person: SeenPerson, *, views: int = 4, equation: int = 8) -> Im
     """Darby, Li and Costen (2008), without the learned model.
 
     Args:
-        person: Who is seen.
+        person: Person that is seen.
         views: How many cameras are used, the first ones.
         equation: 8, the standard weight, or 9, that for one camera.
     """
@@ -88,9 +88,9 @@ def du_guan_system(
     """Du and Guan (2006); the colours of the parts are learned in the first frame.
 
     Args:
-        person: Who is seen.
+        person: Person that is seen.
         views: How many cameras are used, the first ones.
-        overlap_scale: Of the logarithm of the overlap of silhouettes.
+        overlap_scale: Scale of the logarithm of the overlap of silhouettes.
         colour_scale: Scale of the distance of colours.
         boundary_scale: Scale of the distance of boundaries.
     """

@@ -1,9 +1,9 @@
 """Silhouettes of bodies as bits: which points of a coarse grid of pixels a body covers, 32 points to a word.
 
 The grid takes every ``stride``-th pixel of every ``stride``-th row, from pixel ``stride // 2`` on. On a row a part covers
-what lies between the outermost points of its outline and of its rings' ellipses (:mod:`poseppl.motion.geometry.coverage`), so
-that parts become runs of ones, their union an OR of words, and overlaps with a mask counts of ones. This is the convex hull of
-a part up to the corners where edges and rings meet. Words have no gradient;
+everything between the outermost points of its outline and of its rings' ellipses (:mod:`poseppl.motion.geometry.coverage`). So
+parts become runs of ones, their union an OR of words, and overlaps with a mask counts of ones. This is the convex hull of a
+part up to the corners where edges and rings meet. Words have no gradient;
 :func:`poseppl.motion.geometry.coverage.soft_coverage` has one.
 
 >>> mask = np.zeros((1, 4, 40), bool)
@@ -59,7 +59,7 @@ def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, word
     Args:
         cameras: C cameras, leaves (C, ..., N or 1), px.
         flesh: Sizes of the parts, leaves (P, ..., N or 1).
-        parts: Where they are, leaves (P, ..., N).
+        parts: Their positions, leaves (P, ..., N).
         rows: Rows of the grid.
         words: Words of a row.
         stride: Pixels between points.
@@ -80,7 +80,7 @@ def row_spans(corners: Array, shapes: Shapes, rows: int, stride: int) -> tuple[A
 
     Args:
         corners: Outlines (C, P, 4, 2, N), px.
-        shapes: Of the same parts.
+        shapes: Shapes of the same parts.
         rows: Rows of the grid.
         stride: Pixels between points.
     """
@@ -106,7 +106,7 @@ def count_ones(bits: Array) -> Array:
 
 
 def _crossing(start: Array, end: Array, y: Array) -> tuple[Array, Array]:
-    """Where sides from ``start`` to ``end`` (C, P, 2, 1, N) cross rows y (R, 1): x (C, P, R, N), and whether they do."""
+    """Crossings of sides from ``start`` to ``end`` (C, P, 2, 1, N) with rows y (R, 1): x (C, P, R, N), and which exist."""
     rise = end[:, :, 1] - start[:, :, 1]
     slope = (end[:, :, 0] - start[:, :, 0]) / jnp.where(jnp.abs(rise) < _LEVEL, 1.0, rise)
     crosses = (start[:, :, 1] <= y) != (end[:, :, 1] <= y)

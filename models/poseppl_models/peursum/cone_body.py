@@ -29,7 +29,7 @@ def peursum_body(scale: float = 1.0) -> ConeBody:
     """Build the body.
 
     Args:
-        scale: Of the whole body, 1 for a stature of 1.75 m.
+        scale: Scale of the whole body, 1 for a stature of 1.75 m.
     """
     lengths = segment_lengths(scale * STATURE)
     middles = {name: LOOSENESS * sum(pair) / 2 for name, pair in segment_radii(scale * STATURE).items()}

@@ -5,9 +5,9 @@ doi:10.1007/s11263-009-0205-5, Eqs. 7a to 7h and 26. A phase q decides how each 
     q_t ~ C[q_(t-1)],
     x_t^d ~ A^d[q_t, x_(t-1)^d]  if e_t^d = 0,    x_t^d ~ A^d[q_t]  if e_t^d = 1.
 
-The rotations are independent given the phase. The end flag e_t^d tells that the phase knows no successor of the bin, and that
-the rotation enters it anew; Eq. 26 has the phase before in its index, with which rows that know nothing would be asked where a
-phase begins: here it is the phase that moves the rotation. The flag follows from (q_t, x_(t-1)), and is no site.
+The rotations are independent given the phase. The end flag e_t^d means that the phase has no successor of the bin, so that the
+rotation enters the phase again. Eq. 26 has the previous phase in its index, which would use empty rows at the beginning of a
+phase. Here the index is the phase that moves the rotation. The flag follows from (q_t, x_(t-1)), and is no site.
 
 The first frame has q_1 ~ phi and x_1^d ~ varphi[q_1]. Heading u and position v are continuous:
 
@@ -41,8 +41,8 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
     Args:
         coordinates: Joint and axis of each of the body's d coordinates; the root's position and turn about the vertical are
             continuous, the other D are in bins.
-        observe: What is observed of a pose (d,). Inputs have ``activity`` (:class:`FactoredTables`), and ``start``,
-            ``start_scale`` and ``step_scale`` (d,), mm and radians, of which position and heading are used, and ``seconds`` ().
+        observe: Observations of a pose (d,). Inputs have ``activity`` (:class:`FactoredTables`), and ``start``, ``start_scale``
+            and ``step_scale`` (d,), mm and radians, of which position and heading are used, and ``seconds`` ().
     """
     places = np.array(root_places(coordinates))
     pose_of = pose_of_bins(coordinates)

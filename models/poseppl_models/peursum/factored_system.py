@@ -1,8 +1,9 @@
 """Peursum, Venkatesh and West (2010) with the motion model of section 3.3, learned from one recorded walk: FSHHMM-PF.
 
-Body and likelihood are those of :func:`poseppl_models.images.image_systems.peursum_system`. The first pose is not told: it may
-be any of the walk's, facing anywhere, near the point that is closest to the rays through the middles of the foregrounds. One
-camera tells no such point, nor whether somebody comes or goes: the first position and heading are then told, and no rotations.
+Body and likelihood are those of :func:`poseppl_models.images.image_systems.peursum_system`. The first pose is unknown: it may
+be any pose of the walk, in any direction, near the point that is closest to the rays through the middles of the foregrounds.
+One camera determines neither such a point, nor whether somebody comes or goes. Then the first position and heading are known,
+but no rotations.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 """Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""
 _MIN_SHARE = 0.01
 TOLD_TURN = 0.3
-"""Of a heading that is told, radians."""
+"""Standard deviation of a known heading, radians."""
 
 
 def peursum_factored_system(
@@ -44,7 +45,7 @@ def peursum_factored_system(
     """Build it.
 
     Args:
-        person: Who is seen.
+        person: Person that is seen.
         model: File of the learned tables.
         views: How many cameras are used, the first ones.
         exponent: lambda of Eq. 9.
@@ -104,26 +105,28 @@ def check_limits(body: ConeBody, motion: FactoredTables, model: str) -> None:
         raise InputError(problem, file=model, expected="tables learned from another walk")
 
 
-def first_place(body: ConeBody, person: SeenPerson, views: int, told: Floats) -> tuple[Floats, Floats]:
+def first_place(body: ConeBody, person: SeenPerson, views: int, first_pose: Floats) -> tuple[Floats, Floats]:
     """Mean and standard deviations (d,) of the first pose, of which position and heading are known.
 
     Args:
         body: The body.
-        person: Who is seen.
+        person: Person that is seen.
         views: How many cameras are used.
-        told: The first pose (d,), whose position and heading are taken for one camera.
+        first_pose: The first pose (d,), whose position and heading are taken for one camera.
 
     Raises:
         InputError: Fewer than two cameras see the person.
     """
     axes = [axis for _, axis in body.tree.coordinates]
-    point = np.asarray(told)[[axes.index(axis) for axis in ("tx", "ty", "tz")]] if views == 1 else _seen_place(person, views)
+    point = (
+        np.asarray(first_pose)[[axes.index(axis) for axis in ("tx", "ty", "tz")]] if views == 1 else _seen_place(person, views)
+    )
     start, scale = np.array(body.rest, np.float64), np.ones(body.tree.dimension)
     for axis, value in zip(("tx", "ty", "tz"), point, strict=True):
         start[axes.index(axis)], scale[axes.index(axis)] = value, FIRST_PLACE
     scale[axes.index("Z")] = FIRST_TURN
     if views == 1:
-        start[axes.index("Z")], scale[axes.index("Z")] = told[axes.index("Z")], TOLD_TURN
+        start[axes.index("Z")], scale[axes.index("Z")] = first_pose[axes.index("Z")], TOLD_TURN
     return start, scale
 
 

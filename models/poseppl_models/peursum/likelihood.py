@@ -10,19 +10,19 @@ lambda is the inverse temperature (Eqs. 10 and 11): annealing e^-D to the power 
 paper uses 8 with its learned motion model and 10 with the generic one.
 
 D is "a modified version of the cost function of Deutscher and Reid", whose details the paper leaves to a report. Here it is
-that function, a sum of a mean error of edges and one of the foreground, made to go both ways, for what a body leaves
-unexplained counts as much as what it claims wrongly:
+that function, a sum of a mean error of edges and one of the foreground, in both directions. Evidence that a body leaves
+unexplained counts as much as evidence that it claims wrongly:
 
     D = (E_body + E_image) / 2 + (F_body + F_image) / 2,
 
-F_body     share of the body's silhouette that is no foreground,
-F_image    share of the foreground that the body does not cover,
-E_body     share of the parts' sides, by length, that lies on no edge,
-E_image    share of the image's edges with no side of a part within a tolerance,
+* F_body: share of the body's silhouette outside of the foreground;
+* F_image: share of the foreground that the body does not cover;
+* E_body: share of the parts' sides, by length, without an edge;
+* E_image: share of the image's edges without a side of a part within a tolerance.
 
-each in [0, 1] and over what is known, and 0 where there is nothing to take a share of. So what an occluder hides is no
-evidence, and a body cannot gain by leaving the image, for then all of the foreground is unexplained. Foreground is counted
-on a grid of pixels (:mod:`poseppl_models.images.silhouette_bits`), edges at fixed numbers of samples.
+Each share is in [0, 1] and over the known pixels; it is 0 if there are none. So hidden pixels are no evidence, and a body
+cannot gain by leaving the image, because all of the foreground is then unexplained. Foreground is counted on a grid of pixels
+(:mod:`poseppl_models.images.silhouette_bits`), edges at fixed numbers of samples.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def peursum_score(stride: int, tolerance: float = 3.0) -> CameraScore:
     """Write log P of each camera, for samplers that need no gradient; ``params["lambda"]`` is the exponent.
 
     Args:
-        stride: Of the evidence's grid, px.
+        stride: Stride of the evidence's grid, px.
         tolerance: Within how many px an edge of the image is explained.
     """
 
@@ -85,8 +85,8 @@ def smooth_peursum_score(softness: float = 2.0, tolerance: float = 3.0) -> Camer
     exp(-d^2 / (2 tolerance^2)).
 
     Args:
-        softness: Of the coverage, px.
-        tolerance: Of the edges, px.
+        softness: Softness of the coverage, px.
+        tolerance: Tolerance of the edges, px.
     """
 
     def score(seen: SeenBody) -> Array:

@@ -1,4 +1,4 @@
-"""The image cost of Sminchisescu and Triggs (2001, section 3.1) as residuals, with its gradient and Gauss-Newton curvature.
+"""The image cost of Sminchisescu and Triggs (2001, section 3.1) as residuals, with its gradient and curvature.
 
 Nodes of a part, N of them, are on its occluding contour (two of each of some rings) or inside, and cost
 
@@ -8,22 +8,24 @@ Nodes of a part, N of them, are on its occluding contour (two of each of some ri
     occluded                k nu,   k > 1,
 
 summed over the part's nodes and divided by N, and summed over parts. d_e is the offset of an edge along the contour's normal
-within a window; w_e its importance, that is its energy, more at motion boundaries, falling to 0 at the window's ends, and
-normalised with w_0 for "no edge at all" to a sum of 1. u is where the node was seen in the frame before, for a given pose then,
-v the flow there, W how far it can be believed in which direction (:mod:`poseppl.motion.vision.flow_weights`), and r where the
-node is now. rho is a robust potential of strength nu: Leclerc's for edges, of which another one may be meant, the Lorentzian
-for flow, which pulls from afar.
+within a window. w_e is its importance: its energy, larger at motion boundaries, falling to 0 at the window's ends, and
+normalised with w_0 for "no edge at all" to a sum of 1. u is the node's position in the previous frame, for a given pose then,
+and v the flow there. W is the flow's precision by direction (:mod:`poseppl.motion.vision.flow_weights`), and r the node's
+position now. rho is a robust potential of strength nu: Leclerc's for edges, of which another one may be meant, the Lorentzian
+for flow, which attracts from a distance.
 
-Departures: that a visible node without edges costs nu / 2, for otherwise clutter would cost more than its absence, and that so
-does one of a ring that is seen as a whole, which has no contour, for otherwise limbs that point to the eye cost least; that
-facing and occlusion set in smoothly, with the ellipsoids of the parts as occluders. Which potential is for which cue the paper
-does not say. A weight multiplies it all, the number of independent measurements that a part is worth, for neighbouring nodes
-err alike.
+Departures from the paper: a visible node without edges costs nu / 2, because otherwise clutter would cost more than its
+absence. So does a node of a ring that is seen as a whole, which has no contour; otherwise limbs that point to the eye would
+cost least. Facing and occlusion set in smoothly, with the ellipsoids of the parts as occluders. The paper does not assign the
+potentials to the cues. A weight multiplies the cost: the number of independent measurements that a part is worth, because
+errors of neighbouring nodes are correlated.
 
 Each cost c enters as a residual sqrt(2 c), of the offset's sign, that is normal of scale 1 and observed to be 0. So the density
-is that of the cost up to a constant, and every method for Gaussian data can use it; the Gauss-Newton curvature is that of the
-robust residuals. Gradients keep the assigned edges and their positions fixed, as the paper's do; the curvature keeps the
-occlusion by other parts fixed.
+is that of the cost up to a constant, and every method for Gaussian data can use it. The curvature is that of the paper's
+section 4.1: rho' + 2 rho'' s along an error and rho' across it, 0 where that is negative, with weights and visibility taken as
+constant. Gauss-Newton's of the robust residuals would be rho'^2 s / rho along an error: 0.47 instead of 0 for Leclerc's at
+s = 2, nu = 4. Nodes without an assignment keep Gauss-Newton's. Gradients keep the assigned edges and their positions fixed, as
+the paper's do; the curvature keeps the occlusion by other parts fixed.
 """
 
 from __future__ import annotations
@@ -122,6 +124,12 @@ def robust_root(potential: type[RobustError], squared: Array, strength: float) -
     return jnp.sqrt(potential(dist.Normal(0.0, 1.0), strength).potential(squared) / squared)
 
 
+def curvature_roots(potential: type[RobustError], squared: Array, strength: float) -> tuple[Array, Array]:
+    """Roots of the curvature of 1/2 rho across an error of unit weight and along it, 0 where the curvature is negative."""
+    first, second = potential(dist.Normal(0.0, 1.0), strength).derivatives(squared)
+    return jnp.sqrt(first), jnp.sqrt(jnp.maximum(first + 2 * second * squared, 0.0))
+
+
 class _Assigned(NamedTuple):
     """Edges assigned to contour nodes: where these were and their normals (P, K, 2, N), offsets and importance (P, K, E, N)."""
 
@@ -132,7 +140,14 @@ class _Assigned(NamedTuple):
 
 
 def _per_camera(
-    settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts, before: Parts
+    settings: CostSettings,
+    camera: Any,
+    flesh: Superquadrics,
+    own: Parts,
+    others: Parts,
+    assigned_at: Parts,
+    before: Parts,
+    curved: bool,
 ) -> Array:
     """Residuals (P, entries, N) of one camera: of edges, of flow, and one for all that has no assignment.
 
@@ -144,9 +159,10 @@ def _per_camera(
         others: The same again, as occluders.
         assigned_at: The same again, where edges are assigned.
         before: Positions of the inner nodes by the flow (P, K, 2, N or 1), and roots of its weights (P, K, 3, N or 1).
+        curved: Whether residuals are those whose derivatives make the curvature.
     """
     lens, _, noise = camera
-    edges, missed = _edge_residuals(settings, camera, flesh, own, others, assigned_at)
+    edges, missed = _edge_residuals(settings, camera, flesh, own, others, assigned_at, curved)
     inner = place_in(*own, local_nodes(flesh, *(jnp.asarray(angles, float) for angles in _INNER)))
     facing = nodes_facing(lens, inner)
     points, front = (leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]) for leaf in (inner.points, facing))
@@ -155,17 +171,29 @@ def _per_camera(
     x, y = jnp.moveaxis((before[0] - project_point(lens, points)) / noise.flow, 2, 0)
     xx, xy, yy = jnp.moveaxis(before[1], 2, 0)
     offset = jnp.stack([xx * x + xy * y, xy * x + yy * y], 2)
-    root = robust_root(Lorentzian, jnp.sum(offset**2, 2), settings.strength)
     seen = jnp.sqrt(front * (1 - behind) + _TINY)
-    flow = (offset * (root * seen)[:, :, None]).reshape(len(points), -1, points.shape[-1])
+    flow = _flow_residuals(offset, seen, settings.strength, curved).reshape(len(points), -1, points.shape[-1])
     lost = (1 - front) + settings.occluded * front * behind
     rest = missed + settings.strength * jnp.sum(lost, 1, keepdims=True)
     scale = jnp.sqrt(jnp.maximum(noise.weight, _TINY) / NODES)
     return scale * jnp.concatenate([edges, flow, jnp.sqrt(2 * rest)], 1)
 
 
+def _flow_residuals(offset: Array, seen: Array, strength: float, curved: bool) -> Array:
+    """Residuals (P, K, 2, N) of whitened offsets that are so visible (P, K, N)."""
+    squared = jnp.sum(offset**2, 2)
+    if not curved:
+        return offset * (robust_root(Lorentzian, squared, strength) * seen)[:, :, None]
+    across, along, unit = jax.lax.stop_gradient(
+        (*curvature_roots(Lorentzian, squared, strength), offset / jnp.sqrt(squared + _TINY)[:, :, None])
+    )
+    inward = jnp.sum(unit * offset, 2, keepdims=True)
+    bent = across[:, :, None] * offset + (along - across)[:, :, None] * unit * inward
+    return bent * jax.lax.stop_gradient(seen)[:, :, None]
+
+
 def _edge_residuals(
-    settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts
+    settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts, curved: bool
 ) -> tuple[Array, Array]:
     """Residuals (P, K * E, N) of assigned edges, and the cost (P, 1, N) of contour nodes without, or occluded."""
     lens, seen, noise = camera
@@ -180,8 +208,11 @@ def _edge_residuals(
     behind = hidden(flesh, *others, lens.centre, contour.points, settings.softness)
     visible = contour.share * (1 - behind)
     deviation = offset / noise.edges
-    root = robust_root(Leclerc, deviation**2, settings.strength)
-    residuals = deviation * root * jnp.sqrt(visible[:, :, None] * weight / total + _TINY)
+    root = jnp.sqrt(visible[:, :, None] * weight / total + _TINY)
+    if curved:
+        residuals = deviation * jax.lax.stop_gradient(root * curvature_roots(Leclerc, deviation**2, settings.strength)[1])
+    else:
+        residuals = deviation * root * robust_root(Leclerc, deviation**2, settings.strength)
     missed = 0.5 * (visible * settings.unassigned / total[:, :, 0] + 1 - contour.share)
     missed = missed + settings.occluded * contour.share * behind
     cost = settings.strength * jnp.sum(missed, 1, keepdims=True)
@@ -226,7 +257,13 @@ def _expected_by_flow(lens: Any, seen: Any, flesh: Superquadrics, before: Parts)
 
 
 def residuals_of(
-    settings: CostSettings, fixed: Any, own: Parts, others: Parts | None = None, assigned_at: Parts | None = None
+    settings: CostSettings,
+    fixed: Any,
+    own: Parts,
+    others: Parts | None = None,
+    assigned_at: Parts | None = None,
+    *,
+    curved: bool = False,
 ) -> Array:
     """Residuals (C, P, entries, N) of parts in the world.
 
@@ -236,6 +273,7 @@ def residuals_of(
         own: Axes (P, 3, 3, N) and centres (P, 3, N) of the parts.
         others: The same of the parts as occluders, where these are to differ.
         assigned_at: The same of the parts where edges are assigned to their contours, where these are to differ.
+        curved: Whether they are to have the squares of their derivatives, not their own, add up to the cost's curvature.
     """
     others, assigned_at = (own if each is None else each for each in (others, assigned_at))
     tree, flesh, cameras, seen, noise = fixed
@@ -245,5 +283,5 @@ def residuals_of(
         each = jax.tree.map(lambda leaf, number=number: leaf[number], seen._replace(previous=seen.previous[None]))
         lens, spread = jax.tree.map(lambda leaf, number=number: leaf[number], (cameras, noise))
         expected = _expected_by_flow(lens, each, flesh, before)
-        found.append(_per_camera(settings, (lens, each, spread), flesh, own, others, assigned_at, expected))
+        found.append(_per_camera(settings, (lens, each, spread), flesh, own, others, assigned_at, expected, curved))
     return jnp.stack(jnp.broadcast_arrays(*found))

@@ -1,4 +1,4 @@
-"""The image cost of :mod:`poseppl_models.sminchisescu_triggs.cost` as a distribution with gradient and Gauss-Newton curvature.
+"""The image cost of :mod:`poseppl_models.sminchisescu_triggs.cost` as a distribution with gradient and curvature.
 
 A residual moves with its own part alone, with the occlusion by other parts fixed, and a part as its link does: six derivatives,
 by shifts and turns of all parts at once, give all d columns of the Jacobian (:func:`derivatives_of_wrenches`).
@@ -31,7 +31,9 @@ def _residuals_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *se
     return found.reshape(len(found), -1, found.shape[-1])
 
 
-def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings) -> Array:
+def _jacobian_last(
+    state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings, curved: bool = False
+) -> Array:
     """Derivatives (C, entries, d, N): a residual moves with its own part, as that part's link does."""
     frames = frames_of(tree, state)
     axes, centres = part_axes(flesh, frames)
@@ -39,7 +41,7 @@ def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *see
 
     def residuals(axes: Array, centres: Array) -> Array:
         others = jax.lax.stop_gradient((axes, centres))
-        found = residuals_of(settings, (tree, flesh, *seen), (axes, centres), others)
+        found = residuals_of(settings, (tree, flesh, *seen), (axes, centres), others, curved=curved)
         return jnp.broadcast_to(found, (*found.shape[:-1], count))
 
     unit = jnp.eye(3, dtype=state.dtype)
@@ -64,6 +66,7 @@ class _Functions(NamedTuple):
     residuals: Any
     density: Any
     jacobian: Any
+    curvature: Any
 
 
 @lru_cache(maxsize=8)
@@ -79,7 +82,7 @@ def _functions(settings: CostSettings) -> _Functions:
     return _Functions(
         batched_score(residuals, chunk=_CHUNK),
         batched_density(density, chunk=_CHUNK),
-        batch_last(partial(_jacobian_last, settings=settings), chunk=_CHUNK),
+        *(batch_last(partial(_jacobian_last, settings=settings, curved=each), chunk=_CHUNK) for each in (False, True)),
     )
 
 
@@ -89,6 +92,7 @@ class ImageResiduals(dist.Normal):  # type: ignore[misc]
     Args:
         residuals: Function of a state and the data of its images.
         jacobian: Their derivatives (C, entries, d).
+        curvature: Rows (C, entries, d) whose squares add up to the curvature of the cost.
         state: Shape (d,).
         known: Data of the images.
     """
@@ -97,9 +101,16 @@ class ImageResiduals(dist.Normal):  # type: ignore[misc]
     """The images are among the arguments: a draw is of no image."""
 
     def __init__(
-        self, residuals: Any, jacobian: Any, state: Array, known: tuple[Any, ...], *, validate_args: Any = None
+        self,
+        residuals: Any,
+        jacobian: Any,
+        curvature: Any,
+        state: Array,
+        known: tuple[Any, ...],
+        *,
+        validate_args: Any = None,
     ) -> None:
-        self.jacobian, self.state, self.known = jacobian, state, known
+        self.jacobian, self.curvature, self.state, self.known = jacobian, curvature, state, known
         super().__init__(residuals(state, *known), 1.0, validate_args=validate_args)
 
     @property
@@ -109,7 +120,14 @@ class ImageResiduals(dist.Normal):  # type: ignore[misc]
 
     def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of the residuals by ``state`` (C * entries, d), 0 where masked."""
-        rows: Array = self.jacobian(self.state, *self.known)
+        return self._rows(self.jacobian, mask)
+
+    def curvature_rows(self, mask: Array | None) -> Array:
+        """Rows (C * entries, d) whose squares add up to the curvature of the cost, 0 where masked."""
+        return self._rows(self.curvature, mask)
+
+    def _rows(self, function: Any, mask: Array | None) -> Array:
+        rows: Array = function(self.state, *self.known)
         seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
         return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])
 
@@ -140,7 +158,8 @@ class ContourAndFlow(ImageResiduals):
         validate_args: Any = None,
     ) -> None:
         self.settings, own = settings, _functions(settings)
-        super().__init__(own.residuals, own.jacobian, state, (tree, flesh, cameras, seen, noise), validate_args=validate_args)
+        known = (tree, flesh, cameras, seen, noise)
+        super().__init__(own.residuals, own.jacobian, own.curvature, state, known, validate_args=validate_args)
 
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""

@@ -94,7 +94,7 @@ def limited_body(body: SuperquadricBody, limits: Limits, observe: Observe) -> St
     Args:
         body: The body; its markers are kept as ``markers``.
         limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor; "none" does neither.
-        observe: What is observed of a pose.
+        observe: Observations of a pose.
     """
     bounds = body.limits if limits == "support" else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
 

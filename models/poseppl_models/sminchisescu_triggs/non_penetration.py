@@ -6,10 +6,11 @@ f being the implicit surface of the other part (:mod:`poseppl_models.sminchisesc
 millimetres. The paper gives neither p nor that unit, nor says where f is evaluated. Here p = 2, 15 mm, both parts' nodes in the
 other's surface, and w = 20: flesh that touches at one node of twenty costs 1.
 
-Most pairs are far apart in any pose. So points on the axis of every part are first seen in the frame of every other one, in
-units of its half-axes, which are made wider by the part's own; the pairs that come closest by this measure count, and no
-others. A force along the gradient of the potential acts on each node, and its opposite on the other part, so that all
-derivatives follow from one wrench for each pair (:func:`poseppl.motion.geometry.kinematics.derivatives_of_wrenches`).
+Most pairs are far apart in any pose. So points on the axis of every part are first expressed in the frame of every other part,
+in units of its half-axes, enlarged by the part's own. Only the pairs that are closest by this measure count. Only the nodes
+nearest to the other part's ellipsoid count: 45 mm outside of it the potential is e^-9. A force along the gradient of the
+potential acts on each node, and its opposite on the other part, so that all derivatives follow from one wrench for each pair
+(:func:`poseppl.motion.geometry.kinematics.derivatives_of_wrenches`).
 
 >>> import jax.numpy as jnp
 >>> from poseppl_models.sminchisescu_triggs.body import superquadric_body
@@ -44,6 +45,8 @@ WEIGHT = 20.0
 """w."""
 NEAREST = 24
 """Pairs that count in a pose, at most."""
+NEAREST_NODES = 128
+"""Nodes that count in a pose, at most, of 20 a pair."""
 _TINY = 1e-8
 _AXIS = np.linspace(-0.8, 0.8, 5)
 """Points of a part's axis, in half-axes."""
@@ -70,12 +73,13 @@ class _Parts(NamedTuple):
     nodes: Array
 
 
-def non_penetration_residuals(names: Sequence[str], nearest: int = NEAREST) -> Penalty:
+def non_penetration_residuals(names: Sequence[str], nearest: int = NEAREST, nodes: int = NEAREST_NODES) -> Penalty:
     """Write the cost as residuals, one for each pair that counts, whose squares add up to 2 f_pa.
 
     Args:
         names: Names of the P parts; they identify parts that meet at a joint.
         nearest: Pairs that count, those that are closest to each other.
+        nodes: Nodes of these that count, those that are closest to the other part.
     """
     pairs = np.array(apart(names), int).reshape(-1, 2)
 
@@ -84,11 +88,11 @@ def non_penetration_residuals(names: Sequence[str], nearest: int = NEAREST) -> P
         if not len(pairs):
             return jnp.zeros((0, count), state.dtype), jnp.zeros((0, *state.shape), state.dtype)
         frames = frames_of(tree, state)
-        nodes = local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)).points
-        parts = _Parts(flesh, *part_axes(flesh, frames), nodes.reshape(len(nodes), -1, *nodes.shape[3:]))
+        places = local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)).points
+        parts = _Parts(flesh, *part_axes(flesh, frames), places.reshape(len(places), -1, *places.shape[3:]))
         chosen = jnp.asarray(pairs)[_closest(parts, pairs, nearest)]  # (K, N, 2)
         wall, guest = (_taken(parts, chosen[..., side]) for side in range(2))
-        found, force, moment = _repulsion(wall, guest)
+        found, force, moment = _repulsion(wall, guest, nodes)
         links = jnp.asarray(flesh.links)[chosen]
         of_guest, of_wall = (derivatives_of_wrenches(tree, frames, force, moment, links[..., side]) for side in (1, 0))
         residual = jnp.sqrt(2 * WEIGHT * found + _TINY)
@@ -108,15 +112,30 @@ def _closest(parts: _Parts, pairs: np.ndarray[Any, Any], number: int) -> Array:
     return jnp.sort(jax.lax.top_k(nearness.T, min(number, len(pairs)))[1], 1).T
 
 
-def _repulsion(wall: _Parts, guest: _Parts) -> tuple[Array, Array, Array]:
+def _repulsion(wall: _Parts, guest: _Parts, number: int) -> tuple[Array, Array, Array]:
     """Potentials (K, N) of guests' nodes, and gradients by a shift of the guest and by its turn about the world's origin."""
     turned = jnp.sum(guest.axes[:, None] * guest.nodes[:, :, None], 3)
     points = _inverse(wall.axes, turned + (guest.centres - wall.centres)[:, None])
-    found, pull = jax.vjp(lambda places: penetration(wall.flesh, places, softness=SOFTNESS, decay=DECAY), points)
-    forces = pull(jnp.ones_like(found))[0]
+    found, forces = _potentials(wall, points, number)
     about_centre = jnp.sum(jnp.cross(points, forces, axis=2), 1)
     force, moment = (jnp.sum(wall.axes * each[:, None], 2) for each in (jnp.sum(forces, 1), about_centre))
     return found, force, moment + jnp.cross(wall.centres, force, axis=1)
+
+
+def _potentials(wall: _Parts, points: Array, number: int) -> tuple[Array, Array]:
+    """Potentials (K, N) at points (K, n, 3, N) of the walls' frames, and their gradients (K, n, 3, N); far points have none."""
+    pairs, nodes, _, count = points.shape
+    shape = wall.flesh.half_axes[:, None]
+    outside = (jnp.sqrt(jnp.sum((points / shape) ** 2, 2)) - 1) * jnp.min(shape, 2)
+    nearest = jax.lax.top_k(-outside.reshape(-1, count).T, min(number, pairs * nodes))[1].T  # (M, N)
+    near = jnp.take_along_axis(points.reshape(-1, 3, count), nearest[:, None], 0)
+    flesh = _taken(wall, nearest // nodes).flesh
+    found, pull = jax.vjp(lambda at: penetration(flesh, at[:, None], softness=SOFTNESS, decay=DECAY), near)
+    each = jnp.concatenate([found[:, None], pull(jnp.ones_like(found))[0]], 1) / nodes
+    everywhere = jnp.zeros((pairs * nodes, 4, count), points.dtype)
+    everywhere = jnp.put_along_axis(everywhere, jnp.broadcast_to(nearest[:, None], each.shape), each, 0, inplace=False)
+    found, forces = everywhere[:, 0], everywhere[:, 1:]
+    return jnp.sum(found.reshape(pairs, nodes, count), 1), forces.reshape(points.shape)
 
 
 def _inverse(axes: Array, vectors: Array) -> Array:
@@ -136,6 +155,6 @@ def _taken(parts: _Parts, index: Array) -> _Parts:
 
 
 def apart(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Ordered pairs of parts that do not meet at a joint; those of one side are told by ``_l`` and ``_r``."""
+    """Ordered pairs of parts that do not meet at a joint; ``_l`` and ``_r`` mark those of one side."""
     meet, count = neighbours_in(_CHAINS), len(names)
     return tuple((i, j) for i in range(count) for j in range(count) if i != j and not meet(names[i], names[j]))

@@ -1,8 +1,8 @@
 """Which points of a body its own parts hide from the eye, smoothly, batch last.
 
-A part stands for the ellipsoid of its half-axes. In a frame in which that is the unit ball, the ray from the eye to a point is
-a straight line still, and the part hides the point if the line comes nearer to the ball's centre than 1 before it ends. With
-the smallest such distance d of part q,
+A part is replaced by the ellipsoid of its half-axes. In a frame in which that is the unit ball, the ray from the eye to a point
+is still a straight line. The part hides the point if the line comes nearer to the ball's centre than 1 before it ends. With the
+smallest such distance d of part q,
 
     hidden = 1 - prod over the parts q but the point's own of (1 - sigmoid((1 - d_q) min(a, b, c) / softness)).
 

@@ -1,8 +1,8 @@
 """Bodies of Sminchisescu and Triggs (2001) seen as points, with each of the paper's priors and robustness as a setting.
 
-What the paper finds to be essential can be left out here: robust errors, joint limits, parts that keep out of each other. The
-first is an input, so that what was compiled with it serves without. The points stand in for the paper's images:
-a joint that is detected somewhere else is an outlier as an edge of the background is.
+The ingredients that the paper finds essential are optional here: robust errors, joint limits, and parts that do not penetrate
+each other. Robust errors are an input, so that one compiled program serves with and without them. The points replace the
+paper's images: a wrongly detected joint is an outlier, like an edge of the background.
 
 >>> point_programs("arm") is point_programs("arm") is not point_programs("arm", limits="none")
 True

@@ -15,7 +15,7 @@ sites' bounds finds pose and sizes together, and the curvature there their uncer
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -54,8 +54,8 @@ class SizeInputs(NamedTuple):
     Attributes:
         cameras: C cameras, px.
         marked: Standard deviation of the joints marked in it (C, markers), px.
-        seen: What else was seen, of :func:`poseppl_models.sminchisescu_triggs.image.seen_in_images`.
-        noise: Of the contours.
+        seen: Further observations, from :func:`poseppl_models.sminchisescu_triggs.image.seen_in_images`.
+        noise: Noise of the contours.
         start: Mean of the pose (d,): mm and radians.
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the walk (d,), of further pictures.
@@ -130,24 +130,27 @@ def _prior(kind: Kind, names: tuple[str, ...]) -> _Prior:
 
 
 @lru_cache(maxsize=8)
-def _functions(kind: Kind, names: tuple[str, ...]) -> tuple[Any, Any]:
-    """Residuals (C, entries) of poses and sizes, and their Jacobian (C, entries, d + n), of single states."""
+def _functions(kind: Kind, names: tuple[str, ...]) -> tuple[Any, Any, Any]:
+    """Residuals (C, entries) of poses and sizes, Jacobian and rows of the curvature (C, entries, d + n), of single states."""
     prior, settings = _prior(kind, names), CostSettings()
     body = prior.body
 
-    def residuals(both: Array, cameras: Cameras, seen: ImageSeen, noise: CostNoise) -> Array:
+    def residuals(both: Array, cameras: Cameras, seen: ImageSeen, noise: CostNoise, *, curved: bool = False) -> Array:
         split = body.tree.dimension
         still_tree, still_flesh = jax.tree.map(lambda leaf: leaf[..., None], (body.tree, body.flesh))
         tree, flesh = body.sized_in(still_tree, still_flesh, prior.sizes_of(both[split:]))
         own = part_axes(flesh, frames_of(tree, both[:split]))
-        found: Array = residuals_of(settings, (tree, flesh, cameras, seen, noise), own)
+        found: Array = residuals_of(settings, (tree, flesh, cameras, seen, noise), own, curved=curved)
         return found.reshape(len(found), -1, found.shape[-1])
 
-    def jacobian(both: Array, *known: Any) -> Array:
+    def jacobian(both: Array, *known: Any, curved: bool = False) -> Array:
         def along(row: Array) -> Array:
-            slope: Array = jax.jvp(lambda x: residuals(x, *known), (both,), (jnp.broadcast_to(row[:, None], both.shape),))[1]
+            slope: Array = jax.jvp(
+                lambda x: residuals(x, *known, curved=curved), (both,), (jnp.broadcast_to(row[:, None], both.shape),)
+            )[1]
             return slope
 
         return jnp.moveaxis(jax.vmap(along)(jnp.eye(both.shape[0], dtype=both.dtype)), 0, 2)
 
-    return batched_score(residuals, chunk=_CHUNK), batch_last(jacobian, chunk=_CHUNK)
+    slopes, curvature = (batch_last(partial(jacobian, curved=each), chunk=_CHUNK) for each in (False, True))
+    return batched_score(residuals, chunk=_CHUNK), slopes, curvature

@@ -4,10 +4,10 @@ A node is seen if its normal leans towards the eye. If that changes along an edg
 it, and the crossing is interpolated (:func:`contour_points`). Both know of no other part, nor of another side of the same one.
 
 For silhouettes (:func:`outlines_of`) each part is cut along its z into pieces that are nearly convex: each looks like the
-convex hull of its nodes. Of that hull, nodes that are extreme in M directions, even for an ellipse of the hull's spread, make a
-polygon; then each of its sides is moved out until it touches the hull, where its distance from the origin is the support
-function h in the direction n of the side, and back by a third of that way s, where a smooth outline and the polygon have one
-area:
+convex hull of its nodes. Nodes of that hull that are extreme in M directions, even for an ellipse of the hull's covariance,
+make a polygon. Then each side of the polygon is moved out until it touches the hull. Its distance from the origin is then the
+support function h in the direction n of the side. It is moved back by a third of that distance s, so that a smooth outline and
+the polygon have the same area:
 
     d = min over pieces, max over sides of (n . u - h + s / 3)
 
@@ -203,7 +203,7 @@ def _project(cameras: Cameras, points: Array, inner: int) -> Array:
 
 
 def _spread(nodes: Array) -> tuple[Array, tuple[Array, ...]]:
-    """Of nodes (C, P, S, V, 2, N): the root of their variance (C, P, S, N), and the Cholesky factor of their covariance."""
+    """Square root of the variance of nodes (C, P, S, V, 2, N), (C, P, S, N), and the Cholesky factor of their covariance."""
     offset = nodes - jnp.mean(nodes, 3, keepdims=True)
     x, y = offset[..., 0, :], offset[..., 1, :]
     xx, xy, yy = jnp.mean(x * x, 3), jnp.mean(x * y, 3), jnp.mean(y * y, 3)

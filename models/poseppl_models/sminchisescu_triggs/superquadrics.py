@@ -89,7 +89,7 @@ class Superquadrics:
         tapers: Along x and y (P, 2).
         bends: Angles, and directions towards which (P, 2), radians.
         links: The link of each part.
-        names: Of the parts.
+        names: Names of the parts.
         pieces: Into how many nearly convex pieces silhouettes cut each part along its z.
     """
 

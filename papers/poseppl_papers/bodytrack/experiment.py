@@ -33,7 +33,7 @@ class Scale(NamedTuple):
     """How much is computed.
 
     Attributes:
-        runs: Of each filter.
+        runs: Runs of each filter.
         num_poses: Poses on which few samples are held against all.
         methods: Which filters.
     """
@@ -63,7 +63,7 @@ def plan_likelihood(scale: Scale, recordings: Sequence[Recording]) -> dict[str, 
 
 
 def plan_estimates(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """What the filters find."""
+    """Results of the filters."""
     recording, runs = _benchmark(recordings), tuple(range(scale.runs))
     jobs = [FrameEstimates(recording, method_of(name), runs) for name in scale.methods]
     return {"estimates": Task(estimate_frame, jobs)}

@@ -54,7 +54,7 @@ class FrameEstimates(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"bodytrack-{self.method.name}"
 
 

@@ -62,7 +62,7 @@ class ContestRuns(TrackerJob):
 
     Attributes:
         frame: Index of the frame.
-        method: What the filter is called in tables.
+        method: Name of the filter in tables.
         filter: Its name in the library.
         settings: Its settings.
         runs: Numbers of the runs.

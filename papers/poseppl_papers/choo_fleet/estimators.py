@@ -47,7 +47,7 @@ class Reference(NamedTuple):
 
     Attributes:
         mean: Shape (d,).
-        standard_error: Of the mean, from the spread of the chains' means, (d,).
+        standard_error: Standard error of the mean, from the spread of the chains' means, (d,).
         covariance: Shape (d, d).
     """
 

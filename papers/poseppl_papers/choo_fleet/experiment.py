@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from poseppl.motion.geometry import project
 from poseppl_papers.choo_fleet.claims import claims
 from poseppl_papers.choo_fleet.contest_tables import contest_table
-from poseppl_papers.choo_fleet.figures import draw_contest, draw_poses, draw_sequence, draw_tuning, draw_variances
+from poseppl_papers.choo_fleet.figures import (
+    draw_contest,
+    draw_coordinates,
+    draw_poses,
+    draw_sequence,
+    draw_tuning,
+    draw_variances,
+)
 from poseppl_papers.choo_fleet.frame_tables import frame_tables
 from poseppl_papers.choo_fleet.goals import Goal, goals
 from poseppl_papers.choo_fleet.plan import (
@@ -22,7 +31,7 @@ from poseppl_papers.choo_fleet.plan import (
 )
 from poseppl_papers.choo_fleet.sequence import SequenceRuns
 from poseppl_papers.choo_fleet.sequence_tables import performance, sequence_tables
-from poseppl_papers.choo_fleet.systems import stage_of
+from poseppl_papers.choo_fleet.systems import noisy_points, stage_of
 from poseppl_papers.choo_fleet.tuning_tables import tuning_tables
 from poseppl_papers.experiment import Experiment, Jobs, Part, Pictures, Results, Tables
 from poseppl_papers.tables import Table, markdown
@@ -60,12 +69,17 @@ def _poses(all_jobs: Jobs, results: Results) -> dict[str, Any]:
         return {}
     frame = min(_FRAME, jobs[0].num_frames - 1)
     stage = stage_of(jobs[0].recording, "full_body")
-    names = list(stage.body.tree.marker_names)
+    names, here = list(stage.body.tree.marker_names), slice(1 + frame, 2 + frame)
     poses: dict[str, Any] = {"edges": [[names.index(end) for end in edge] for edge in stage.body.edges]}
-    poses["truth"] = stage.markers[1 + frame]
     for job in jobs:
         if job.method not in poses:
-            poses[job.method] = np.asarray(results[job.key]["markers"])[:6, frame]
+            mean = np.asarray(results[job.key]["markers"])[:6, frame]
+            poses[job.method] = {
+                "truth": np.repeat(stage.markers[here], len(mean), 0),
+                "mean": mean,
+                "observed": [noisy_points(stage, here, run)[0, 0] for run in job.runs[: len(mean)]],
+                "image": project(stage.cameras, jnp.asarray(mean))[0],
+            }
     return poses
 
 
@@ -78,7 +92,7 @@ PARTS: Mapping[str, Part] = {
         "variance against time, volumes",
         plan_single_frame,
         lambda jobs, results: frame_tables(jobs["frames"], jobs["timings"], results),
-        lambda tables, jobs, results: {"variances.png": draw_variances(tables)},
+        lambda tables, jobs, results: {"coordinates.png": draw_coordinates(tables), "variances.png": draw_variances(tables)},
         all_recordings=True,
     ),
     "sequence": Part(
@@ -115,7 +129,8 @@ EXPERIMENT = Experiment(
     claims=claims,
     sections={"Goals": _goals},
     pictures={
-        "variances.png": "Variance against time and evaluations (Figs. 2 and 3)",
+        "coordinates.png": "Variances of single variables against time (Fig. 2)",
+        "variances.png": "Variance against time and evaluations (Fig. 3)",
         "sequence.png": "Both filters over time (Figs. 4 and 5)",
         "poses.png": "Mean poses at frame 10 (Fig. 6)",
         "tuning.png": "Tuning (section 7.5)",

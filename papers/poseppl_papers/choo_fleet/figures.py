@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,7 +22,7 @@ LABELS |= {"full_body": "full body, 28-D"}
 
 
 def draw_variances(tables: Tables) -> Picture:
-    """Figs. 2 and 3: variance against time above, against evaluations below; a line for each frame, and their mean."""
+    """Fig. 3: variance against time above, against evaluations below; a line for each frame, and their mean."""
     table = tables["variances"]
     trackers = table.values("tracker")
     picture = new_picture(4.2 * len(trackers), 7.0)
@@ -53,6 +54,31 @@ def _curves(axis: Any, table: Table, tracker: str, method: str, by: str) -> None
     axis.plot(cost, np.exp(np.mean(curves, axis=0)), "o-", color=_OF_METHOD[method], label=LABELS[method])
 
 
+def draw_coordinates(tables: Tables) -> Picture:
+    """Fig. 2: variances of single variables against time; three variables with standard errors, the others faint."""
+    table = tables["coordinates"]
+    trackers = table.values("tracker")
+    picture = new_picture(4.2 * len(trackers), 4.4)
+    for axis, tracker in zip(picture.subplots(1, len(trackers), squeeze=False)[0], trackers, strict=True):
+        names = table.values("coordinate", tracker=tracker)
+        shown = {names[number * (len(names) - 1) // 2]: marker for number, marker in enumerate("os^")}
+        for method, name in itertools.product(("particle", "hmc"), names):
+            where: dict[str, Any] = {"tracker": tracker, "method": method}
+            variance, error = (table.column(each, **where, coordinate=name) for each in ("variance", "standard_error"))
+            here = {each: table.values(each, tracker=tracker)[0] for each in ("recording", "frame")}
+            seconds = tables["variances"].column("seconds", **where, **here)
+            if name in shown:
+                label = f"{LABELS[method]}, {name}"
+                axis.errorbar(seconds, variance, error, color=_OF_METHOD[method], marker=shown[name], label=label)
+            else:
+                axis.plot(seconds, variance, color=_OF_METHOD[method], alpha=0.2, linewidth=0.8)
+        axis.set(xscale="log", yscale="log", xlabel="seconds", title=LABELS[tracker])
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.legend(fontsize=6)
+    picture.axes[0].set_ylabel("variance / posterior variance")
+    return picture
+
+
 def draw_sequence(tables: Tables) -> Picture:
     """Figs. 4 and 5: log-likelihood of the mean state and log prior of the true state over frames, with standard errors."""
     table = tables["sequence"]
@@ -81,25 +107,30 @@ def draw_sequence(tables: Tables) -> Picture:
 
 
 def draw_poses(poses: Mapping[str, Any]) -> Picture:
-    """Fig. 6: mean poses of six runs of each method at frame 10, from the camera and from the side, the truth in black.
+    """Fig. 6: mean poses of six runs of each method at frame 10: along the path, across it, and in the picture.
+
+    The truth, and in the picture the run's 2-D observations, are black.
 
     Args:
-        poses: ``edges`` (edge, 2), ``truth`` (marker, 3) and for each method (run, marker, 3), mm.
+        poses: ``edges`` (edge, 2), and for each method its "truth", "mean", "observed" and "image": places (run, marker, 3) in
+            mm, and points (run, marker, 2) of the observations and of the mean's image.
     """
-    methods = [name for name in poses if name not in ("edges", "truth")]
-    count = max(len(poses[name]) for name in methods)
-    picture = new_picture(2.0 * count, 4.5 * len(methods))
-    axes = picture.subplots(2 * len(methods), count, squeeze=False)
+    methods = [name for name in poses if name != "edges"]
+    count = max(len(poses[name]["mean"]) for name in methods)
+    picture = new_picture(2.0 * count, 6.5 * len(methods))
+    axes = picture.subplots(3 * len(methods), count, squeeze=False)
     for number, method in enumerate(methods):
-        for run, markers in enumerate(poses[method]):
-            for view, plane in enumerate(((0, 2), (1, 2))):
-                axis = axes[2 * number + view, run]
-                for pose, colour in ((poses["truth"], "#1b1b1e"), (markers, "#b3261e")):
-                    for a, b in poses["edges"]:
-                        axis.plot(*pose[[a, b]][:, plane].T, color=colour, linewidth=1.6 if colour == "#1b1b1e" else 1.0)
-                axis.set_aspect("equal")
-                axis.set_axis_off()
-        axes[2 * number, 0].set_title(f"{method}: along the path and across it", loc="left", fontsize=9)
+        truth, mean, observed, image = (np.asarray(poses[method][name]) for name in ("truth", "mean", "observed", "image"))
+        views = [(truth[..., plane], mean[..., plane]) for plane in ([0, 2], [1, 2])] + [(observed, image)]
+        for view, pairs in enumerate(views):
+            for axis, *pair in zip(axes[3 * number + view], *pairs, strict=False):
+                for points, colour, width in zip(pair, ("#1b1b1e", "#b3261e"), (1.6, 1.0), strict=True):
+                    for edge in poses["edges"]:
+                        axis.plot(*points[edge].T, color=colour, linewidth=width)
+        axes[3 * number, 0].set_title(f"{method}: along the path, across it, in the picture", loc="left", fontsize=9)
+    for axis in axes.ravel():
+        axis.set_aspect("equal")
+        axis.set_axis_off()
     return picture
 
 
@@ -129,8 +160,8 @@ def draw_tuning(tables: Tables) -> Picture:
         if chosen["is_settled"]:
             settled.axvline(chosen["burn_in"], color="#69727d", linewidth=0.8)
         correlated.set_title(f"at step size {chosen['step_size']:g}", fontsize=10)
-        told = f"chosen: burn-in {chosen['burn_in']}" if chosen["is_settled"] else "no burn-in brings R-hat below 1.2"
-        settled.set_title(told, fontsize=10)
+        title = f"chosen: burn-in {chosen['burn_in']}" if chosen["is_settled"] else "no burn-in brings R-hat below 1.2"
+        settled.set_title(title, fontsize=10)
     correlated.set(xlabel="lag", ylabel="autocorrelation")
     settled.set(xlabel="burn-in", ylabel="largest R-hat of the next 16 updates", yscale="log")
     rejected.legend(fontsize=8)

@@ -9,7 +9,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl_papers.choo_fleet.single_frame import METHODS, FrameRuns
-from poseppl_papers.choo_fleet.systems import SYSTEMS, UPDATES
+from poseppl_papers.choo_fleet.systems import SYSTEMS, UPDATES, coordinate_names
 from poseppl_papers.choo_fleet.timing import FrameTiming
 from poseppl_papers.choo_fleet.variances import (
     FrameErrors,
@@ -44,14 +44,14 @@ def frame_tables(frames: Sequence[FrameRuns], timings: Sequence[FrameTiming], re
 def _cost(
     system: str, frames: Sequence[FrameRuns], timings: Sequence[FrameTiming], results: Results
 ) -> Mapping[str, Mapping[str, Floats]]:
-    """Seconds and evaluations of each method (setting,); a gradient counts as one evaluation."""
+    """Seconds of each method (repeat, setting), and evaluations (1, setting); a gradient counts as one evaluation."""
     first = results[next(job.key for job in frames if job.system == system)]
+    times = results[next(job.key for job in timings if job.system == system)]
     cost: dict[str, dict[str, Floats]] = {"seconds": {}, "evaluations": {}}
     for method in METHODS:
-        chosen = sorted((j for j in timings if (j.system, j.method) == (system, method)), key=lambda job: job.setting)
-        cost["seconds"][method] = np.array([np.min(results[job.key]["seconds"]) for job in chosen])
+        cost["seconds"][method] = np.asarray(times[f"{method}_seconds"])
         evaluations = np.asarray(first[f"{method}_num_likelihood"]) + np.asarray(first[f"{method}_num_gradient"])
-        cost["evaluations"][method] = evaluations[0].astype(float)
+        cost["evaluations"][method] = evaluations[:1].astype(float)
     return cost
 
 
@@ -75,26 +75,36 @@ def _variances(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, A
         spread = log_standard_error(squared)
         for setting, variance in enumerate(geometric_variance(squared)):
             size = _sizes(system, method, squared.shape[1])[setting]
-            spent = [float(cost[system][by][method][setting]) for by in ("seconds", "evaluations")]
+            spent = [float(np.median(cost[system][by][method][:, setting])) for by in ("seconds", "evaluations")]
             rows.append((system, each.recording, each.frame, method, size, *spent, float(variance), float(spread[setting])))
     columns = ("tracker", "recording", "frame", "method", "size", "seconds", "evaluations", "variance", "log_standard_error")
     about = (
         "Geometric mean over coordinates of the estimator's variance, in units of the posterior's; size is N for particles, R "
-        "for HMC. The standard error is that of its natural logarithm."
+        "for HMC. The standard error is that of its natural logarithm. Seconds are the median of repetitions in turn."
     )
     return Table("variances", columns, rows, about)
 
 
 def _coordinates(errors: Mapping[str, Sequence[FrameErrors]]) -> Table:
+    """Single variables as Fig. 2 has them: the first recording's middle frame."""
     rows = []
-    for system, method, each, squared in _by_method(errors):
+    for system, method, each, squared in _by_method({system: _middle(frames) for system, frames in errors.items()}):
+        names = coordinate_names(system)
         for setting, size in enumerate(_sizes(system, method, squared.shape[1])):
             values = squared[:, setting].mean(0)
             spread = squared[:, setting].std(0, ddof=1) / len(squared) ** 0.5
             for coordinate, (value, error) in enumerate(zip(values, spread, strict=True)):
-                rows.append((system, each.recording, each.frame, method, size, coordinate, float(value), float(error)))
+                rows.append((system, each.recording, each.frame, method, size, names[coordinate], float(value), float(error)))
     columns = ("tracker", "recording", "frame", "method", "size", "coordinate", "variance", "standard_error")
-    return Table("coordinates", columns, rows, "Estimator variance of single coordinates, in units of the posterior's.")
+    return Table(
+        "coordinates", columns, rows, "Estimator variance of single coordinates at one frame, in units of the posterior's."
+    )
+
+
+def _middle(frames: Sequence[FrameErrors]) -> list[FrameErrors]:
+    """The middle one of the frames of the first recording."""
+    own = [each for each in frames if each.recording == frames[0].recording]
+    return [own[len(own) // 2]]
 
 
 def _speed_ups(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, Any]) -> Table:
@@ -104,7 +114,10 @@ def _speed_ups(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, A
         for by in ("seconds", "evaluations")
     ]
     columns = ("tracker", "by", "speed_up", "low", "high", "extrapolated", "published")
-    about = "How many times less HMC needs at equal variance, with a 90 % interval; extrapolated is the share beyond all N."
+    about = (
+        "How many times less HMC needs at equal variance, with a 90 % interval over runs and repetitions of the timing; "
+        "extrapolated is the share beyond all N."
+    )
     return Table("speed_ups", columns, rows, about)
 
 

@@ -21,7 +21,7 @@ class Goal(NamedTuple):
 
     Attributes:
         what: The goal.
-        ours: What was reached.
+        ours: Result.
         verdict: "reached" or "not reached".
     """
 
@@ -68,9 +68,9 @@ def _ratio(table: Table, by: str) -> tuple[float, dict[str, Any], dict[str, Any]
 
 
 def _goal(what: str, best: Mapping[str, Any], ours: str, ratio: float) -> Goal:
-    told = f"{best['method']}: {ours}; bias {best['bias']:.2g} standard deviations"
+    measured = f"{best['method']}: {ours}; bias {best['bias']:.2g} standard deviations"
     goal = f"{RATIO:.0f} times fewer {what} than the paper's settings at equal error of one frame's mean"
-    return Goal(goal, told, "reached" if ratio >= RATIO else "not reached")
+    return Goal(goal, measured, "reached" if ratio >= RATIO else "not reached")
 
 
 def _calibrated(table: Table, recording: str) -> Goal:

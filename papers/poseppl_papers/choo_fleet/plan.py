@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from poseppl_papers.choo_fleet.contest import CONTESTANTS, ContestRuns, contest_frame, settings_of
 from poseppl_papers.choo_fleet.sequence import SequenceRuns, Settings, run_sequence
-from poseppl_papers.choo_fleet.single_frame import METHODS, FrameRuns, estimate_frame
+from poseppl_papers.choo_fleet.single_frame import FrameRuns, estimate_frame
 from poseppl_papers.choo_fleet.systems import SIMULATED, SYSTEMS, single_frames, stage_of
 from poseppl_papers.choo_fleet.timing import FrameTiming, time_frame
 from poseppl_papers.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
@@ -21,20 +21,20 @@ class Scale(NamedTuple):
     """How much is computed.
 
     Attributes:
-        runs: Of each experiment.
+        runs: Runs of each experiment.
         block: Runs of one job.
         num_settings: How many settings of each row of Table 1.
         reference_chains: Chains of a reference.
         systems: The trackers.
         sequence_systems: Those that are run on sequences.
         other_system: The tracker of tuning and contest.
-        num_frames: Of a sequence.
+        num_frames: Number of frames of a sequence.
         particles: Smaller numbers of particles than the paper's on sequences, by tracker; if None the paper's, and
             :data:`OTHER_PARTICLES`.
         num_leapfrogs: Each L of the tuning curves.
         tuning_updates: R of the tuning curves at L = 40; other L get as many gradients.
         tuning_runs: Runs of each of them.
-        contestants: Who takes part in the contest.
+        contestants: Filters in the contest.
         contest_runs: Runs of the contest.
         smoothers: Whole-trajectory smoothers that take part on sequences, with their settings.
     """
@@ -98,12 +98,7 @@ def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[
 
 def plan_single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Estimates of single frames, and how long each takes alone (section 7.3)."""
-    timings = [
-        FrameTiming(BUILT_IN, system, method, setting, 9)
-        for system in scale.systems
-        for method in METHODS
-        for setting in range(scale.num_settings)
-    ]
+    timings = [FrameTiming(BUILT_IN, system, scale.num_settings, 9) for system in scale.systems]
     return {"frames": _estimates(scale, recordings, scale.systems, scale.runs), "timings": Task(time_frame, timings)}
 
 

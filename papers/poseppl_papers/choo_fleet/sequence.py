@@ -14,10 +14,11 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.diagnostics.calibration import between, joint_error
+from poseppl.diagnostics.calibration import between
 from poseppl.filters.base import Filter
 from poseppl.filters.chains import ChainState
 from poseppl.filters.scan import scan_filter
+from poseppl.motion.measures import joint_error
 from poseppl.motion.tracking.problem import Problem
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
@@ -38,7 +39,7 @@ class SequenceRuns(TrackerJob):
     """Runs of one filter on one sequence.
 
     Attributes:
-        method: What the filter is called in tables.
+        method: Name of the filter in tables.
         filter: Its name in the library.
         settings: Its settings.
         num_frames: How many frames, from the second on.
@@ -72,10 +73,10 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
 
     Returns:
         For each run and frame (run, frame): ``log_likelihood`` of the mean state, ``log_prior`` of the true state given the
-        past (NaN at the first frame), ``error`` and ``error_relative`` of the markers' means (mm), ``inside_state`` and
-        ``inside_markers``, the share of coordinates inside of their central intervals (run, level, frame); ``mean``
-        (run, frame, d) and ``markers`` (run, frame, marker, 3); ``seconds`` (run,) of the whole sequence, compilation apart;
-        ``num_likelihood`` and ``num_gradient`` (run, frame).
+        past (NaN at the first frame), ``error`` and ``error_relative`` of the markers' means (mm), ``num_likelihood`` and
+        ``num_gradient``. The shares of coordinates inside of their central intervals are ``inside_state`` and
+        ``inside_markers`` (run, level, frame). Means are ``mean`` (run, frame, d) and ``markers`` (run, frame, marker, 3).
+        ``seconds`` (run,) is the time of the whole sequence without compilation.
     """
     function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
 
@@ -128,7 +129,7 @@ def _inside(quantiles: Any, truth: Any) -> Floats:
 
 
 class _Known(NamedTuple):
-    """What is known of a frame: the model's inputs, the data and the true state (d,), with which a filter is judged."""
+    """Known values of a frame: the model's inputs, the data and the true state (d,), with which a filter is compared."""
 
     inputs: Any
     observation: Any

@@ -29,7 +29,7 @@ class FrameRuns(TrackerJob):
         frame: Index of the frame.
         runs: Numbers of the runs; each has noise of its own.
         num_settings: How many settings of the row of Table 1.
-        num_chains: Of the reference.
+        num_chains: Number of chains of the reference.
     """
 
     frame: int

@@ -76,6 +76,12 @@ SYSTEMS = {
 }
 
 
+def coordinate_names(system: str) -> list[str]:
+    """Names of a tracker's d coordinates, such as "pelvis.X"."""
+    body = load_builder(SYSTEMS[system].model)(None)
+    return [".".join(body.tree.coordinates[index]) for index in body.free_coordinates]
+
+
 SIMULATED = Recording("simulated")
 """Drawn from the model itself: here alone must intervals cover as often as they say."""
 _SIMULATED_FRAMES = 60

@@ -1,4 +1,4 @@
-"""What all jobs of the reproduction have in common: a tracker, and the person that it sees."""
+"""Common part of all jobs of the reproduction: a tracker, and the person that it sees."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class TrackerJob(Job):
     """A job of one tracker.
 
     Attributes:
-        recording: Who is seen.
+        recording: Recording of the person that is seen.
         system: The tracker.
     """
 

@@ -1,7 +1,7 @@
 """The jobs of section 7.5: how the HMC filter behaves as one of its settings changes, at one frame of the full body.
 
-The frame is a step of the filter from the true state of the frame before, so that the step size is an argument and one
-compilation serves all of them.
+The frame is a step of the filter from the true state of the previous frame. The step size is an argument of it, so that one
+compilation serves all step sizes.
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ def tuning_tables(jobs: Sequence[TuningRuns], results: Results) -> list[Table]:
         found = results[job.key]
         for index, step_size in enumerate(job.step_sizes):
             rejection = np.asarray(found["rejection"][index], float)
-            tau = float(np.exp(np.nanmean(np.log(found["tau"][index]))))
-            gradients = tau * job.num_leapfrog
-            mixing.append((job.num_leapfrog, step_size, *mean_and_error(rejection), tau, gradients))
+            tau, error = mean_and_error(np.log(found["tau"][index]).mean(-1))
+            cost = float(np.exp(tau)), job.num_leapfrog * float(np.exp(tau)), error
+            mixing.append((job.num_leapfrog, step_size, *mean_and_error(rejection), *cost))
             for lag, value in enumerate(found["autocorrelation"][index]):
                 correlation.append((job.num_leapfrog, step_size, lag, float(value)))
             for offset, value in enumerate(found["rhat"][index]):
@@ -31,9 +31,18 @@ def tuning_tables(jobs: Sequence[TuningRuns], results: Results) -> list[Table]:
     return [
         Table(
             "tuning",
-            ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw"),
+            (
+                "leapfrog",
+                "step_size",
+                "rejection",
+                "rejection_standard_error",
+                "tau",
+                "gradients_per_draw",
+                "log_standard_error",
+            ),
             mixing,
-            "Rejection rate, inefficiency factor (geometric mean over coordinates and runs), gradients an independent draw.",
+            "Rejection rate, inefficiency factor (geometric mean over coordinates and runs), gradients an independent draw, "
+            "and the standard error of the natural logarithm of both. They are nan where the chains of a run never moved.",
         ),
         Table(
             "autocorrelation",

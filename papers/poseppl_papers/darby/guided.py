@@ -1,4 +1,4 @@
-"""The job: runs of a filter whose motion, walk or limits were learned from recordings, anew for each run."""
+"""The job: runs of a filter whose motion, walk or limits were learned from recordings, separately for each run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Taught(Tracking):
     """Runs of one filter, each with a newly trained model.
 
     Attributes:
-        training: What is learned from; seeds of training are those of the runs.
+        training: Training data; seeds of training are those of the runs.
     """
 
     training: Training | None = None

@@ -1,4 +1,4 @@
-"""Who is tracked, and whose recordings a motion is learned from: recordings with one skeleton are of one person."""
+"""The tracked person, and the people of the training recordings: recordings with one skeleton are of one person."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Training:
-    """What a motion is learned from.
+    """Training data of a motion.
 
     Attributes:
         recordings: The recordings, in the order in which frames are taken of them.
-        frames: Of each person, at most.
+        frames: Frames of each person, at most.
         rate: Frames a second.
-        rounds: Of Baum-Welch.
+        rounds: Rounds of Baum-Welch.
         subject: Name of the person who is tracked; empty where it is none of these.
     """
 

@@ -35,9 +35,9 @@ class Scale(NamedTuple):
     """How much is computed.
 
     Attributes:
-        runs: Of each filter.
+        runs: Runs of each filter.
         num_frames: How many are tracked.
-        scene_frames: Of the scene, whose largest changes between frames are the diffusion.
+        scene_frames: Frames of the scene, whose largest changes between frames are the diffusion.
         size: Width and height of the images, px.
         particles: Each number of particles a layer.
         tracked: How many recordings of a person are tracked where the motion is learned.
@@ -45,7 +45,7 @@ class Scale(NamedTuple):
         rate: Frames a second of these.
         known: Frames that the motion of a known person is learned from, at most.
         unknown: Frames of each of three others, at most.
-        rounds: Of Baum-Welch, at most.
+        rounds: Largest number of rounds of Baum-Welch.
     """
 
     runs: int = 10

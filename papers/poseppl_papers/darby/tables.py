@@ -41,9 +41,9 @@ def guided_errors(tables: Tables) -> str:
     for name in ("guided", "guided_one_camera"):
         groups = grouped(filter_rows(tables, name), lambda row: (row["system"], row["method"]))
         for (system, method), mine in groups.items():
-            told = [_over_walks(mine, figure) for figure in _GUIDED]
+            cells = [_over_walks(mine, figure) for figure in _GUIDED]
             seconds = sum(row["seconds"] for row in mine) / len(mine)
-            rows.append([system, method, str(len(mine)), str(mine[0]["runs"]), *told, f"{seconds:.2g}"])
+            rows.append([system, method, str(len(mine)), str(mine[0]["runs"]), *cells, f"{seconds:.2g}"])
     columns = ("system", "filter", "walks", "runs", "best particle", "error", "relative", "weighted, relative", "s a frame")
     return markdown(columns, rows)
 
@@ -53,4 +53,4 @@ _GUIDED = ("optimistic", "absolute", "relative", "weighted_relative")
 
 def _over_walks(rows: Sequence[dict[str, Any]], figure: str) -> str:
     runs = math.sqrt(sum(row[f"{figure}_sd"] ** 2 for row in rows) / len(rows))
-    return f"{mean_interval([row[figure] for row in rows]).told()}, runs +- {runs:.1f}"
+    return f"{mean_interval([row[figure] for row in rows]).text()}, runs +- {runs:.1f}"

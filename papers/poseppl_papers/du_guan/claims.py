@@ -33,8 +33,8 @@ def _weights(tables: Tables) -> list[Claim]:
     for name in (name for name in weight if LAYERS in name):
         verdicts = {rival: on_one_recording(_more(weight[name], weight[rival])) for rival in rivals}
         what = f"Fig. 4: with 70 % of the evaluations {name} has more average weight than CONDENSATION and annealing"
-        here = f"{weight[name].told(3)} against {' and '.join(weight[rival].told(3) for rival in rivals)}"
-        why = f"errors {error[name].told()} mm against {' and '.join(error[rival].told() for rival in rivals)}; {_BY}"
+        here = f"{weight[name].text(3)} against {' and '.join(weight[rival].text(3) for rival in rivals)}"
+        why = f"errors {error[name].text()} mm against {' and '.join(error[rival].text() for rival in rivals)}; {_BY}"
         verdict = "; ".join(f"{rival.partition(',')[0]}: {verdict}" for rival, verdict in verdicts.items())
         found.append(Claim(what, "more", here, verdict, why))
     return found
@@ -58,25 +58,25 @@ def _sequences(tables: Tables) -> list[Claim]:
         size = row["method"].removeprefix("DE-MC (velocity), ").removesuffix(TUNED)
         tuned = f"{TUNED}," if row["method"].endswith(TUNED) else ""
         what = f"Section 4, Fig. 3: {size} particles{tuned} follow {row['scene']}"
-        told = " and ".join(f"{name} {error[name].told()} mm against {bar[name]:.0f}" for name in ERRORS)
+        text = " and ".join(f"{name} {error[name].text()} mm against {bar[name]:.0f}" for name in ERRORS)
         verdict = (
             f"{on_one_recording(all_of(closer.values()))} ({', '.join(f'{name} {each}' for name, each in closer.items())})"
         )
-        ours = f"{told}, which a tracker has that holds the first pose; {row['runs']} runs"
+        ours = f"{text}, which a tracker has that holds the first pose; {row['runs']} runs"
         found.append(Claim(what, "satisfactory", ours, verdict, f"both errors are lower; {_BY}"))
     return found
 
 
 def _layers(tables: Tables) -> Claim:
-    told, fewer = [], []
+    parts, fewer = [], []
     for prediction in PREDICTIONS:
         rows = [row for row in filter_rows(tables, "trackers") if row["method"].startswith(f"DE-MC ({prediction})")]
         rows = [row for row in rows if not row["method"].endswith(TUNED)]
-        told.append(", ".join(f"{row['weight']:.3f}" for row in rows) + f" ({prediction})")
+        parts.append(", ".join(f"{row['weight']:.3f}" for row in rows) + f" ({prediction})")
         weights = [row["weight"] for row in rows]
         fewer.append(weights == sorted(weights, reverse=True))
     why = "fewer layers have more weight here" if all(fewer) else "no order here either"
-    return Claim("Fig. 5: 2, 5 and 7 layers compared", "no order told", f"weights {'; '.join(told)}", "none: no claim", why)
+    return Claim("Fig. 5: 2, 5 and 7 layers compared", "no order stated", f"weights {'; '.join(parts)}", "none: no claim", why)
 
 
 def _basins(tables: Tables) -> list[Claim]:
@@ -94,13 +94,13 @@ def _basins(tables: Tables) -> list[Claim]:
 def _both(pairs: Mapping[float, tuple[Claim, Claim]]) -> Claim:
     """Whether one temperature has both published observations, which are of one surface."""
     verdicts = {temperature: all_of(claim.verdict for claim in pair) for temperature, pair in pairs.items()}
-    told = "; ".join(
+    text = "; ".join(
         f"at {temperature:g} well {sampled.verdict}, trapped {trapped.verdict}"
         for temperature, (sampled, trapped) in pairs.items()
     )
     verdict = verdict_of(HOLDS in verdicts.values(), set(verdicts.values()) == {FAILS})
     what = "Section 2.2: at one temperature the standard dynamics is trapped and DE-MC samples well"
-    return Claim(what, "both", told, verdict, "the two rows of each temperature together")
+    return Claim(what, "both", text, verdict, "the two rows of each temperature together")
 
 
 def _sampled(rows: Mapping[str, Mapping[str, Any]], temperature: float) -> Claim:

@@ -121,7 +121,7 @@ class MuellerRuns(Job):
 
     Attributes:
         sampler: Its name in :data:`SAMPLERS`.
-        temperature: Of the density.
+        temperature: Temperature of the density.
         members: How many samples.
         iterations: Evaluations of each.
         num_runs: How many runs.
@@ -135,7 +135,7 @@ class MuellerRuns(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"mueller-{self.sampler}-{self.temperature:g}"
 
 
@@ -159,8 +159,8 @@ def mueller_table(jobs: Jobs, results: Results) -> list[Table]:
         exact = [100 * share for share in true_shares(SURFACE, temperature).tolist()]
         rows.append((temperature, EXACT, *exact, *(0.0 for _ in BASINS), 0))
         for job in own:
-            told = [mean_interval(100 * each) for each in results[job.key]["shares"].T]
-            means, reaches = [each.mean for each in told], [each.high - each.mean for each in told]
+            intervals = [mean_interval(100 * each) for each in results[job.key]["shares"].T]
+            means, reaches = [each.mean for each in intervals], [each.high - each.mean for each in intervals]
             rows.append((temperature, job.sampler, *means, *reaches, job.num_runs))
     size = f"{job.members} samples in the basins A, B and C after {job.iterations} iterations"
     columns = ("temperature", "method", *BASINS, *(f"{name}_reach" for name in BASINS), "runs")

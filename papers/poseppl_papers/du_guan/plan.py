@@ -15,10 +15,10 @@ from poseppl_papers.recordings import Recording
 
 SYSTEM = System("du-guan", "poseppl_models.images.image_systems:du_guan_system", 1)
 EVALUATIONS = 5_000, 3_500
-"""Of CONDENSATION and the annealed filter, and of DE-MC, a frame."""
+"""Evaluations a frame of CONDENSATION and the annealed filter, and of DE-MC."""
 PREDICTIONS = ("velocity", "transition")
 READINGS = {"equation": "survival", "text": "degeneracy"}
-"""What the noise grows with: the survival diagnostic, as Eq. 7 has it, or its inverse, as the text below Eq. 7 has it."""
+"""Diagnostic with which the noise grows: the survival diagnostic, as in Eq. 7, or its inverse, as in the text below Eq. 7."""
 SIGMAS = {"particles": "particles", "walk": "transition"}
 """Whose standard deviations sigma is."""
 SHIPPED = 0.1, "equation", "particles"
@@ -37,21 +37,21 @@ class Scale(NamedTuple):
     """How much is computed.
 
     Attributes:
-        runs: Of each filter.
+        runs: Runs of each filter.
         num_frames: How many are tracked.
-        scene_frames: Of the scene, whose largest changes between frames are the diffusion.
+        scene_frames: Frames of the scene, whose largest changes between frames are the diffusion.
         size: Width and height of the images, px.
-        share: Of the published numbers of particles.
+        share: Share of the published numbers of particles.
         layers: Numbers of DE-MC's layers.
         members: Samples on Mueller's surface.
-        iterations: Of each.
+        iterations: Iterations of each.
         surface_runs: Runs of each sampler.
-        temperatures: Of the surface.
-        sequence_frames: Of each sequence.
-        factors: Of the scale of one cue after the other.
+        temperatures: Temperatures of the surface.
+        sequence_frames: Frames of each sequence.
+        factors: Factors of the scale of one cue after the other.
         noises: c of the part "noise".
-        noise_frames: Of its walks.
-        noise_runs: Of each filter on each of its walks.
+        noise_frames: Frames of its walks.
+        noise_runs: Runs of each filter on each of its walks.
     """
 
     runs: int = 10

@@ -18,7 +18,7 @@ def trackers(tables: Tables) -> str:
     """Errors and average sample weights of the filters."""
     rows = []
     for row in filter_rows(tables, "trackers"):
-        weight = measured(row, "weight").told(3)
+        weight = measured(row, "weight").text(3)
         shown = [row["method"], f"{row['evaluations']:,}", weight, *told_errors(row), f"{row['seconds']:.2g}"]
         rows.append([*shown, str(row["failed"]), str(row["runs"])])
     columns = ("filter", "evaluations", "weight", "error", "relative", "best particle", "s a frame", "frames failed", "runs")
@@ -63,8 +63,8 @@ def noise(tables: Tables) -> str:
     for name, own in groups.items():
         errors = [[measured(row, column) for row in own] for column in ("absolute", "relative", "optimistic")]
         mean = sum(each.mean for each in errors[0]) / len(own)
-        told = [", ".join(each.told() for each in column) for column in errors]
-        rows.append([*name.split(", "), f"{mean:.0f}", *told, str(own[0]["runs"])])
+        cells = [", ".join(each.text() for each in column) for column in errors]
+        rows.append([*name.split(", "), f"{mean:.0f}", *cells, str(own[0]["runs"])])
     if not rows:
         return ""
     held = rows_of(tables, "noise", method=HOLDING)

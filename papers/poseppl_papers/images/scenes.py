@@ -43,16 +43,16 @@ class Scene:
     """A recording in a room.
 
     Attributes:
-        recording: Who moves.
+        recording: Recording of the person that moves.
         clutter: Whether a table and chairs stand in the way.
         num_frames: How many frames, from the first on.
         rate: Frames a second, at most those of the recording: its frames where every n-th has this rate, points between two
             of them elsewhere.
-        width: Of the images, px.
-        height: Of the images, px.
-        radius: Of a circle on the floor that the walk is laid along, mm; positive turns left. As recorded if None.
-        announced: Whether trackers are given the pixels that the furniture hides, which then count neither for nor against a
-            pose. The pictures are the same.
+        width: Width of the images, px.
+        height: Height of the images, px.
+        radius: Radius of a circle on the floor that the walk follows, mm; positive turns left. As recorded if None.
+        announced: Whether trackers are given the pixels where furniture is seen in the empty room. Unless the person is seen
+            there, before the furniture, they count neither for nor against a pose. The pictures are the same.
     """
 
     recording: Recording
@@ -66,14 +66,14 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """What it is called in tables."""
+        """Name in tables."""
         circle = "" if self.radius is None else f"-circle{self.radius:g}"
         silent = "" if self.announced else "-unannounced"
         return f"{self.recording.name}-{'clutter' if self.clutter else 'clean'}{circle}{silent}"
 
     @property
     def folder(self) -> Path:
-        """Where it is rendered."""
+        """Folder of its rendered pictures."""
         fields = {**plain_fields(replace(self, announced=True)), "recording": self.recording.digest, "version": VERSION}
         return cache_folder("scenes") / key_of(fields)[:24]
 
@@ -107,7 +107,7 @@ class SeenScene(NamedTuple):
         cameras: C cameras, px.
         truth: The fifteen virtual markers (T, 15, 3), mm.
         sources: Its videos.
-        announced: Whether pixels that the furniture hides are left out.
+        announced: Whether pixels of furniture are left out where nobody is seen before it.
     """
 
     rate: float
@@ -117,18 +117,18 @@ class SeenScene(NamedTuple):
     announced: bool = True
 
     def person(self) -> SeenPerson:
-        """Who is seen."""
+        """Person that is seen."""
         markers = dict(zip(VIRTUAL_MARKERS, np.moveaxis(self.truth, 1, 0), strict=True))
         return SeenPerson(markers, self.rate, self.cameras, next(self.sights(1)))
 
     def sights(self, stop: int, views: int | None = None) -> Iterator[Sight]:
-        """What the first cameras show, frame after frame; the background is that of the empty room."""
+        """Pictures of the first cameras, frame after frame; the background is that of the empty room."""
         sources, features = self.sources, []
         videos = sources.videos[:views]
         for video in videos:
             plate = next(iter(sources.plates[video.camera].images()))
-            ignore = sources.occlusion[video.camera] if self.announced else None
-            features.append(video_features(video, _SETTINGS, plate=plate, ignore=ignore, stop=stop, bad_mask="ignore"))
+            hiding = sources.occlusion[video.camera] if self.announced else None
+            features.append(video_features(video, _SETTINGS, plate=plate, occlusion=hiding, stop=stop, bad_mask="ignore"))
         images = [video.images() for video in videos]
         for frame in zip(*features, strict=True):
             yield Sight(frame, [next(stream) for stream in images])
@@ -170,7 +170,7 @@ def _render(scene: Scene) -> None:
 
 
 def _subject(scene: Scene) -> tuple[MovingSubject, dict[str, Floats]]:
-    """Who moves, and the toes, which the body does not have; frames go by the numbers of the nearest in the recording."""
+    """Moving person, and the toes, which the body does not have; frame numbers are those of the nearest in the recording."""
     path, skeleton = scene.recording.path, scene.recording.skeleton
     if path is None:
         return walking_subject(frames=f"0:{scene.num_frames}", rate=scene.rate, turn=scene.radius), {}

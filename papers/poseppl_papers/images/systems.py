@@ -27,10 +27,10 @@ class System:
     """A published system.
 
     Attributes:
-        name: What it is called in tables.
+        name: Name in tables.
         builder: ``package.module:builder``, as :func:`poseppl_models.images.image_system.build_system` takes it.
         views: How many cameras it uses, the first ones.
-        settings: Of the builder.
+        settings: Settings of the builder.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Method:
     """A filter as a paper has it.
 
     Attributes:
-        name: What it is called in tables.
+        name: Name in tables.
         filter: Its name in the library.
         settings: Its settings; :data:`LIMBS` stands for the system's limbs.
     """

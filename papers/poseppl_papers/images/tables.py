@@ -24,7 +24,7 @@ ERRORS_ARE = (
     'distances of fifteen virtual markers from the truth, mm, +- standard deviation over runs, and "best particle" is the '
     "optimistic error. The body has the person's size, and the start is the true first pose."
 )
-"""What all pages of such experiments say."""
+"""Text of all pages of such experiments."""
 ABOUT = (
     "Errors of fifteen virtual markers, mm: of the mean, relative to the pelvis, the particles' mean relative error by weight, "
     "and that of the best particle; means over runs of each run's mean over frames, and standard deviations over runs, without "
@@ -66,7 +66,7 @@ def filter_row(jobs: Sequence[Tracking], results: Results) -> tuple[Any, ...]:
 
 def told_errors(row: Mapping[str, Any]) -> list[str]:
     """Absolute, relative and best particle's errors of a row, mm, with their standard deviations over runs."""
-    return [measured(row, name).told() for name in ("absolute", "relative", "optimistic")]
+    return [measured(row, name).text() for name in ("absolute", "relative", "optimistic")]
 
 
 def tracked(name: str, jobs: Jobs, results: Results) -> list[Table]:

@@ -26,7 +26,7 @@ from poseppl_papers.runs import stacked
 
 FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 HOLDING, CLOSEST = "(holds the first pose)", "(closest pose)"
-"""Trackers that see nothing: one holds the first pose, the other is told the truth and takes the body's closest pose."""
+"""Trackers that see nothing: one keeps the first pose, the other gets the truth and takes the body's closest pose."""
 _BLOCK = 250
 
 
@@ -35,7 +35,7 @@ class Blind(Job):
     """The errors of the two trackers that see nothing.
 
     Attributes:
-        scene: What is seen.
+        scene: Scene that is seen.
         system: Whose body it is.
         num_frames: How many frames of the scene.
     """
@@ -46,7 +46,7 @@ class Blind(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"blind-{self.system.name}-{self.scene.name}"
 
 
@@ -55,8 +55,8 @@ class Tracking(Job):
     """Runs of one filter.
 
     Attributes:
-        scene: What is seen.
-        system: Who sees it.
+        scene: Scene that is seen.
+        system: Tracking system.
         num_frames: How many frames of the scene.
         method: The filter.
         runs: Numbers of the runs, which are seeds.
@@ -72,7 +72,7 @@ class Tracking(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"{self.system.name}-{self.scene.name}-{self.method.name}-{self.runs[0]}"
 
     @property

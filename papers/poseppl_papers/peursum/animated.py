@@ -50,8 +50,8 @@ class AnimatedScene:
         recording: Whose walk.
         num_frames: How many frames, from the first on.
         rate: Frames a second.
-        width: Of the images, px.
-        height: Of the images, px.
+        width: Width of the images, px.
+        height: Height of the images, px.
     """
 
     recording: Recording
@@ -62,7 +62,7 @@ class AnimatedScene:
 
     @property
     def name(self) -> str:
-        """What it is called in tables."""
+        """Name in tables."""
         return f"{self.recording.name}-animated"
 
 
@@ -81,7 +81,7 @@ def animated_problem(scene: AnimatedScene, system: System) -> Problem:
 
 @lru_cache(maxsize=2)
 def _filmed(scene: AnimatedScene) -> tuple[SeenPerson, Floats, list[Image]]:
-    """Who is seen, without a first frame; the fifteen virtual markers (T, 15, 3), mm; and the pictures."""
+    """Person that is seen, without a first frame; the fifteen virtual markers (T, 15, 3), mm; and the pictures."""
     body, states = _animated(scene)
     places = jax.vmap(partial(marker_positions, body.tree))(jnp.asarray(states, float))
     truth = np.asarray(virtual_markers(body.tree.marker_names, places), np.float64)
@@ -141,7 +141,7 @@ def _hues(count: int) -> Image:
 
 
 def _sights(images: list[Image]) -> Iterator[Sight]:
-    """What is taken from the pictures."""
+    """Features of the pictures."""
     background = background_from_plate(np.full_like(images[0], GROUND), _SETTINGS.background)
     for number, image in enumerate(images):
         yield Sight((extract(image, background, _SETTINGS, frame=number),), (image,))

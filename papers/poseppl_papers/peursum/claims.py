@@ -6,18 +6,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from poseppl_papers.experiment import Claim, Tables, claims_by_table, verdict_of
+from poseppl_papers.experiment import Claim, Tables, claims_by_table, on_one_recording, verdict_of
 from poseppl_papers.measured import MATTERS, Interval, Measured, difference, find
 from poseppl_papers.peursum.dimensionality import EXACT
 from poseppl_papers.peursum.monocular import monocular_claims
 from poseppl_papers.peursum.plan import PUBLISHED_EXPONENT
 from poseppl_papers.peursum.runtimes import runtime_claims
-from poseppl_papers.peursum.tables import ANNEALED, DIFFUSIONS, PLAIN, furnished, sweep, told_share
+from poseppl_papers.peursum.tables import ANNEALED, DIFFUSIONS, PLAIN, sweep, told_share
 from poseppl_papers.peursum.walk_claims import ESS_SHARES, walk_claims
 from poseppl_papers.tables import Table, grouped
 
-CLUTTER = {PLAIN: 168 - 100, ANNEALED: 185 - 98}
-"""What clutter adds in Table 2, mm."""
 ALIKE = 1 + MATTERS
 """The ratio of errors up to which two filters are alike."""
 HALF = 0.5
@@ -27,51 +25,32 @@ _PAYING, _IDLE = 500, range(500, 2000)
 """Numbers of particles at which smoothing pays in one dimension, and at which it does not in three (section 7.1)."""
 
 
-def _filters(table: Table) -> dict[str, str]:
+def _filters(table: Table) -> list[str]:
     """The names of the plain filter, the one of more particles, and of the annealed one."""
     names = table.values("method")
-    return {word: next(name for name in names if name.startswith(word)) for word in (PLAIN, ANNEALED)}
-
-
-def _errors(table: Table, system: str, furniture: str) -> dict[str, Measured]:
-    """Errors of both filters in the scene with furniture or the clean one; empty if there is none."""
-    scenes = [scene for scene in table.values("scene", system=system) if furnished(scene) == furniture]
-    found = _filters(table).items() if scenes else ()
-    return {word: find(table, "absolute", system=system, scene=scenes[0], method=method) for word, method in found}
+    return [next(name for name in names if name.startswith(word)) for word in (PLAIN, ANNEALED)]
 
 
 def _table_2(tables: Tables) -> Claim:
-    told = []
+    table, parts = tables["trackers"], []
     for system, diffusion in DIFFUSIONS.items():
-        clean = _errors(tables["trackers"], system, "clean")
-        told.append(f"{clean[PLAIN].mean:.0f} and {clean[ANNEALED].mean:.0f} mm with the {diffusion} diffusion")
+        found = [find(table, "absolute", system=system, method=method).mean for method in _filters(table)]
+        parts.append(f"{' and '.join(f'{mean:.0f}' for mean in found)} mm with the {diffusion} diffusion")
     what = "Table 2: errors on HumanEva, three or four cameras"
     theirs = "Simple-PF 100 mm, Simple-APF 98 mm"
-    return Claim(what, theirs, ", ".join(told), OTHER_SCENE, "HumanEva is not at hand")
-
-
-def _clutter(tables: Tables) -> list[Claim]:
-    told = []
-    for system, diffusion in DIFFUSIONS.items():
-        clean, full = (_errors(tables["trackers"], system, each) for each in ("clean", "furniture"))
-        if not full:
-            return []
-        rises = {word: difference(full[word], clean[word]) for word in CLUTTER}
-        told.append(" and ".join(f"{rise:.0f} +- {error:.0f}" for rise, error in rises.values()) + f" mm ({diffusion})")
-    ours, why = f"announced furniture adds {', '.join(told)}", "the paper's furniture is not announced; one recording"
-    return [Claim("Table 2, clutter", "168 and 185 mm, 68 and 87 more", ours, OTHER_SCENE, why)]
+    return Claim(what, theirs, ", ".join(parts), OTHER_SCENE, "HumanEva is not at hand")
 
 
 def _sharpened(tables: Tables) -> Claim:
-    told, verdicts = [], []
+    parts, verdicts = [], []
     for system, diffusion in DIFFUSIONS.items():
         error, share = sweep(tables, system, "absolute"), sweep(tables, system, "ess_share")
         annealed = error.pop("annealed")
-        told.append(f"{diffusion} diffusion: {_swept(error, share, annealed)}")
+        parts.append(f"{diffusion} diffusion: {_swept(error, share, annealed)}")
         verdicts.append(_by_lambda(diffusion, {name: _alike(plain, annealed) for name, plain in error.items()}))
     what = "Section 6.1: a plain filter whose likelihood is sharpened by lambda = 10 is as good as the annealed one"
     why = f"as good is at most {100 * (ALIKE - 1):.0f} % more error, by two standard errors over runs"
-    return Claim(what, "alike, ESS / N 0.05 to 0.2", "; ".join(told), "; ".join(verdicts), why)
+    return Claim(what, "alike, ESS / N 0.05 to 0.2", "; ".join(parts), "; ".join(verdicts), why)
 
 
 def _swept(error: Mapping[str, Measured], share: Mapping[str, Measured], annealed: Measured) -> str:
@@ -80,28 +59,28 @@ def _swept(error: Mapping[str, Measured], share: Mapping[str, Measured], anneale
     more = {name: difference(each, annealed) for name, each in error.items()}
     rises = ", ".join(f"{rise:.0f} +- {spread:.0f} at {name}" for name, (rise, spread) in more.items())
     return (
-        f"annealed {annealed.told()} mm; plain {error[first].told()} at lambda = {first} (ESS / N {share[first].mean:.2g}), "
-        f"least {error[best].told()} at {best} ({share[best].mean:.1g}); more than the annealed one's {rises} (standard errors)"
+        f"annealed {annealed.text()} mm; plain {error[first].text()} at lambda = {first} (ESS / N {share[first].mean:.2g}), "
+        f"least {error[best].text()} at {best} ({share[best].mean:.1g}); more than the annealed one's {rises} (standard errors)"
     )
 
 
 def _shared_out(tables: Tables) -> Claim:
-    """At which lambda the effective sample size is the paper's: what its text leaves open is how cameras share in lambda."""
-    told, verdicts = [], []
+    """At which lambda the effective sample size is the paper's: what its parts leaves open is how cameras share in lambda."""
+    parts, verdicts = [], []
     for system, diffusion in DIFFUSIONS.items():
         share = {name: each for name, each in sweep(tables, system, "ess_share").items() if name != "annealed"}
-        told.append(f"{diffusion} diffusion: {', '.join(f'{each.mean:.2g} at {name}' for name, each in share.items())}")
+        parts.append(f"{diffusion} diffusion: {', '.join(f'{each.mean:.2g} at {name}' for name, each in share.items())}")
         verdicts.append(_by_lambda(diffusion, {name: _between(each, *ESS_SHARES) for name, each in share.items()}))
     what = "Section 4.3: the plain filter's effective sample size, as a share of N, with lambda times the sum over four cameras"
     why = "a lambda of 10 times the mean over cameras is 2.5 here; by two standard errors over runs, to two digits"
-    return Claim(what, "0.05 to 0.2", "; ".join(told), "; ".join(verdicts), why)
+    return Claim(what, "0.05 to 0.2", "; ".join(parts), "; ".join(verdicts), why)
 
 
 def _by_lambda(diffusion: str, verdicts: Mapping[str, str]) -> str:
     """Verdicts, each with the values of lambda that it is on."""
-    groups = grouped(verdicts, lambda name: verdicts[name])
-    told = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in groups.items())
-    return f"with the {diffusion} diffusion {told}"
+    groups = grouped(verdicts, lambda name: on_one_recording(verdicts[name]))
+    text = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in groups.items())
+    return f"with the {diffusion} diffusion {text}"
 
 
 def _between(value: Measured, low: float, high: float) -> str:
@@ -135,10 +114,10 @@ def _dimensions(tables: Tables) -> list[Claim]:
     if idle:
         pays = any(_left(share[3, size]).high < 1 for size in idle)
         sizes = [size for dimension, size in share if dimension == 3 and size != EXACT and size >= min(idle)]
-        told = ", ".join(
+        text = ", ".join(
             f"{_gone(share[3, n])} at {n:,} ({told_share(share[3, n])}, {share[3, n]['runs']} runs)" for n in sizes
         )
-        ours = f"takes away {told}, exact {_gone(share[3, EXACT])}"
+        ours = f"takes away {text}, exact {_gone(share[3, EXACT])}"
         what = "Section 7.1: in three dimensions smoothing gains nothing below 2,000 particles"
         why = "the share of the error that is left, by two standard errors"
         found.append(Claim(what, "10 % less error at 50,000", ours, verdict_of(not pays), why))
@@ -159,7 +138,7 @@ claims = claims_by_table(
         "walks": [walk_claims],
         "runtimes": [runtime_claims],
         "monocular": [monocular_claims],
-        "trackers": [_table_2, _clutter, _seconds],
+        "trackers": [_table_2, _seconds],
         "exponents": [_sharpened, _shared_out],
         "dimensionality": [_dimensions],
     }

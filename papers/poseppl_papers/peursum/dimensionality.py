@@ -50,11 +50,11 @@ class GrowthRuns(Job):
     """Runs of one smoother on data sets of the growth model.
 
     Attributes:
-        dimension: Of the state.
+        dimension: Dimension of the state.
         smoother: Its name, or :data:`EXACT`.
-        num_particles: Of the filter; 0 for the exact means.
+        num_particles: Number of particles of the filter; 0 for the exact means.
         num_runs: How many data sets.
-        num_frames: Of each.
+        num_frames: Number of frames of each.
     """
 
     dimension: int
@@ -65,7 +65,7 @@ class GrowthRuns(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"growth-{self.dimension}-{self.smoother}-{self.num_particles}"
 
     @property

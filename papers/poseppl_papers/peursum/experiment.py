@@ -51,8 +51,8 @@ s of each; CLUTTER's scenes are walks beside a table and chairs, 25 frames a sec
 to 10 s and a minute. There are two runs of each filter on each of five people's walks, by 1,000 particles; the paper's \
 generic filters have 10,000.
 - The furniture is not announced: what it hides counts against a pose, as in the paper. "Announced furniture" is the \
-same pictures, whose hidden pixels count neither for nor against a pose; the filters alone run there. So they do on \
-"Filters on a walk" below. Smoothers of generic motions run on circles alone.
+same pictures. Pixels of furniture count neither for nor against a pose there, except where the person is seen before it; \
+the filters alone run there. Smoothers of generic motions run on circles alone.
 - The training of the FS-HHMM is derived (poseppl.motion.learned.factored_training), as are the updates of the \
 variational smoother. Eq. 26 takes the phase that moves the rotation; Eq. 7h is a position that stays or follows the \
 heading; both by poseppl_models.peursum.factored_motion. Position and heading move by velocities (mm/s) and by scales of \
@@ -79,7 +79,7 @@ EXPERIMENT = Experiment(
     quick=QUICK,
     parts={
         "trackers": Part(
-            "filters on a walk among furniture (Table 2)",
+            "filters on a walk (Table 2)",
             plan_trackers,
             partial(tracked, "trackers"),
             partial(drawn_errors, "trackers"),

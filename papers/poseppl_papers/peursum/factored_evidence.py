@@ -1,8 +1,8 @@
-r"""What smoothers of the FS-HHMM stand on (sections 4.3 and 4.4.1): the mixture in place of the likelihood, and logarithms.
+r"""Inputs of smoothers of the FS-HHMM (sections 4.3 and 4.4.1): the mixture in place of the likelihood, and logarithms.
 
-The filter draws its particles anew at every frame, so that their weights are their likelihoods. Particles of at least average
-weight are the components' first means, with fixed standard deviations of 3 degrees (rotations), 20, 20 and 10 mm (position) and
-5 degrees (heading); weights and means follow by expectation maximisation (Eqs. 18 to 20). Angles are compared on the circle.
+The filter draws new particles at every frame, so that their weights are their likelihoods. Particles of at least average weight
+are the components' first means, with fixed standard deviations of 3 degrees (rotations), 20, 20 and 10 mm (position) and 5
+degrees (heading); weights and means follow by expectation maximisation (Eqs. 18 to 20). Angles are compared on the circle.
 
 Position and heading have no dynamics on the mixture, but Gaussian priors with the filter's moments (Eqs. 22e, 22f and 23).
 Eq. 23b prints sum_i (w_i v_i)^2 - mu^2, which is negative; the variance sum_i w_i v_i^2 - mu^2 is meant.
@@ -38,7 +38,7 @@ class Mixtures(NamedTuple):
         log_weights: (T, K), -inf where there is no component.
         rotations: Means (T, K, D), radians.
         roots: Means (T, K, 4): x, y, z (mm), heading (radians, within half a turn of its prior mean).
-        prior_mean: Of position and heading (T, 4).
+        prior_mean: Mean of position and heading (T, 4).
         prior_variance: Likewise (T, 4).
     """
 
@@ -50,7 +50,7 @@ class Mixtures(NamedTuple):
 
     @property
     def precision(self) -> Array:
-        """Of position and heading given the component."""
+        """Precision of position and heading given the component."""
         return 1 / self.prior_variance + 1 / jnp.square(jnp.asarray(ROOT))
 
     def root_mean(self, towards: Array) -> Array:
@@ -81,7 +81,7 @@ class FactoredPosterior(NamedTuple):
     Attributes:
         phases: Probabilities (T, M).
         bins: Probabilities (T, D, B).
-        root_mean: Of position and heading (T, 4), mm and radians.
+        root_mean: Mean of position and heading (T, 4), mm and radians.
         root_variance: Likewise (T, 4).
     """
 
@@ -109,7 +109,7 @@ def fit_mixtures(rng_key: Array, rotations: Array, roots: Array, log_weights: Ar
 
     Args:
         rng_key: For the choice among more components than there may be.
-        rotations: Of the particles (T, N, D), radians.
+        rotations: Rotations of the particles (T, N, D), radians.
         roots: Likewise (T, N, 4): x, y, z, heading.
         log_weights: Normalised (T, N).
         max_components: K; published are as many as there are particles of average weight and more.

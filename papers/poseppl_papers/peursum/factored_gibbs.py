@@ -49,9 +49,9 @@ def gibbs(rng_key: Array, tables: LogTables, mixtures: Mixtures, start: Draw, nu
 
     Args:
         rng_key: PRNG key.
-        tables: Of the motion.
+        tables: Tables of the motion.
         mixtures: In place of the likelihoods.
-        start: Where it starts.
+        start: Start of the chain.
         num_rounds: Rounds, of which the first 5 % are left out.
     """
     frames, sizes = jnp.arange(len(start.phase)), (tables.phases.shape[0], tables.steps.shape[-1])

@@ -40,7 +40,7 @@ class Marginals(NamedTuple):
     Attributes:
         phases: (T, M).
         bins: (T, D, B).
-        chosen: Of the components (T, K).
+        chosen: Probabilities of the components (T, K).
         root_mean: (T, 4).
     """
 
@@ -54,7 +54,7 @@ def start_marginals(phases: Array, bins: Array, log_weights: Array, sizes: tuple
     """Q as the filter's particles have it (section 5.2).
 
     Args:
-        phases: Of the particles (T, N).
+        phases: Phases of the particles (T, N).
         bins: Likewise (T, N, D).
         log_weights: Normalised (T, N).
         sizes: Numbers of phases and of bins.
@@ -76,9 +76,9 @@ def mean_field(
     """Find Q.
 
     Args:
-        tables: Of the motion.
+        tables: Tables of the motion.
         mixtures: In place of the likelihoods.
-        start: Where Q starts.
+        start: Start of Q.
         max_rounds: At most so many.
         tolerance: Share of F by which it falls at least in a round.
 
@@ -124,14 +124,14 @@ def sweep(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Marginals:
 
 
 def _left(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
-    """What was before says: scores of phases (M,), and of bins given each phase (M, D, B)."""
+    """Messages of the previous frame: scores of phases (M,), and of bins given each phase (M, D, B)."""
     before = tree_index(q, jnp.maximum(t - 1, 0))
     bins = jnp.where(t > 0, jnp.einsum("di,mdij->mdj", before.bins, tables.steps), tables.first_bins)
     return jnp.where(t > 0, before.phases @ tables.phases, tables.first_phase), bins
 
 
 def _right(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
-    """What comes after says: scores of phases (M,), and of bins (D, B)."""
+    """Messages of the next frame: scores of phases (M,), and of bins (D, B)."""
     there = t + 1 < q.phases.shape[0]
     after = tree_index(q, jnp.where(there, t + 1, t))
     follows = jnp.einsum("mdij,dj->mdi", tables.steps, after.bins)

@@ -19,7 +19,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers import History, Smoothed, Smoother, collect_history
 
 VARIANCE = 10.0
-"""Of the transition and of the first state."""
+"""Variance of the transition and of the first state."""
 
 GRID = np.linspace(-45.0, 45.0, 1501)
 

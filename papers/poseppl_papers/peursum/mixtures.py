@@ -1,4 +1,4 @@
-"""What the mixture in place of the likelihood (section 4.3) costs smoothers, on a linear Gaussian model whose answer is known.
+"""Cost of the mixture in place of the likelihood (section 4.3) for smoothers, on a linear Gaussian model with a known answer.
 
 The history is N draws from each exact filtering distribution, so that all error is the smoother's: that of the means (root mean
 square, in smoothed standard deviations; that of the filter stands beside it), and the ratio of the variances to the exact ones.
@@ -28,8 +28,8 @@ from poseppl.smoothers import (
     Smoother,
     collect_history,
     gibbs_smoother,
+    mixture_variational_smoother,
     smoothed_moments,
-    variational_smoother,
 )
 from poseppl_papers.clock import timed
 from poseppl_papers.experiment import Jobs, Results
@@ -47,10 +47,10 @@ SMOOTHERS: Mapping[str, Callable[[CompiledModel], Smoother]] = {
     "Gibbs, particles divided by their prediction": lambda model: gibbs_smoother(model, mixture=WEIGHTS),
     DEFAULT: gibbs_smoother,
     "Gibbs against the model's own likelihood": lambda model: gibbs_smoother(model, target="model"),
-    "variational, 50 components, not divided": lambda model: variational_smoother(model, mixture=UNDIVIDED),
-    "variational, 50 components, divided": variational_smoother,
-    "variational, one component, fixed": lambda model: variational_smoother(model, num_components=1),
-    "variational, one component, free": lambda model: variational_smoother(model, num_components=1, mixture=FREE),
+    "variational, 50 components, not divided": lambda model: mixture_variational_smoother(model, mixture=UNDIVIDED),
+    "variational, 50 components, divided": mixture_variational_smoother,
+    "variational, one component, fixed": lambda model: mixture_variational_smoother(model, num_components=1),
+    "variational, one component, free": lambda model: mixture_variational_smoother(model, num_components=1, mixture=FREE),
 }
 
 
@@ -60,7 +60,7 @@ class MixtureRun(Job):
 
     Attributes:
         smoother: Its name, or :data:`FILTER`.
-        dimension: Of the state.
+        dimension: Dimension of the state.
         num_frames: How many frames.
         num_particles: Draws of each filtering distribution.
     """
@@ -72,7 +72,7 @@ class MixtureRun(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"mixture-{self.smoother}"
 
 

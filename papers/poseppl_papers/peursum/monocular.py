@@ -66,8 +66,8 @@ def monocular_table(jobs: Jobs, results: Results) -> list[Table]:
         for index, run in enumerate(job.runs):
             for number, name in enumerate(ALGORITHMS):
                 absolute, relative = np.sqrt(found["squares"][index, number, BURN_IN_FRAMES:].mean(0)).tolist()
-                told = relative, absolute, float(found["ess_share"][index])
-                rows.append((job.scene.name, job.scene.num_frames, job.method.name, name, run, *told))
+                figures = relative, absolute, float(found["ess_share"][index])
+                rows.append((job.scene.name, job.scene.num_frames, job.method.name, name, run, *figures))
     return [Table("monocular", COLUMNS, rows, _ABOUT)]
 
 
@@ -86,7 +86,7 @@ def monocular(tables: Tables) -> str:
         theirs = _published(filter)
         for name, published in zip(ALGORITHMS, theirs, strict=True):
             own, whole, ess = (errors(table, filter, name, column) for column in ("relative", "absolute", "ess_share"))
-            less = "" if name == FILTER else _gain(table, filter, name).told()
+            less = "" if name == FILTER else _gain(table, filter, name).text()
             share, runs = f"{np.mean(list(ess.values())):.2g}", len(table.select(filter=filter, smoother=name))
             rows.append([filter, name, f"{published:g}", _told(own), less, _told(whole), share, str(len(own)), str(runs)])
     columns = ("filter", "smoother", "published, relative", "relative", "less, %", "absolute", "ESS / N", "walks", "runs")
@@ -94,7 +94,7 @@ def monocular(tables: Tables) -> str:
 
 
 def monocular_claims(tables: Tables) -> list[Claim]:
-    """What section 7.2 says of the two filters and of each smoother."""
+    """Claims of section 7.2 about the two filters and each smoother."""
     table, found = tables["monocular"], []
     for filter in table.values("filter"):
         before, *smoothed = _published(filter)
@@ -118,7 +118,7 @@ def _halved(table: Table, filter: str, generic: str) -> Claim:
     share, theirs = mean_interval(shares), [_published(name)[0] for name in (filter, generic)]
     limit = 100 * theirs[0] / theirs[1] + BOUND
     what = f"Table 3: from one camera the relative error of {filter} is half of that of {generic}"
-    ours = f"{_told(own)} mm against {_told(other)}; {share.told()} %, {len(shares)} walk{'s' if len(shares) != 1 else ''}"
+    ours = f"{_told(own)} mm against {_told(other)}; {share.text()} %, {len(shares)} walk{'s' if len(shares) != 1 else ''}"
     published = "" if generic.startswith(f"{GENERIC}, 10,000") else "; the paper's Simple-PF has 10,000 particles"
     why = (
         f"at most {limit:.0f} %, which is theirs and the {BOUND:.0f} % that do not matter; 95 % interval over people{published}"
@@ -140,7 +140,7 @@ def _shown(values: Mapping[str, float]) -> list[tuple[str, str]]:
 
 
 def _intervals(values: Mapping[str, Interval]) -> list[tuple[str, str]]:
-    return [(name, value.told()) for name, value in values.items()]
+    return [(name, value.text()) for name, value in values.items()]
 
 
 def _published(filter: str) -> tuple[float, ...]:
@@ -148,4 +148,4 @@ def _published(filter: str) -> tuple[float, ...]:
 
 
 def _told(values: Mapping[str, float]) -> str:
-    return mean_interval(list(values.values())).told()
+    return mean_interval(list(values.values())).text()

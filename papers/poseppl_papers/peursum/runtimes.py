@@ -60,10 +60,10 @@ def runtime_claims(tables: Tables) -> list[Claim]:
     if not own:
         return []
     published = {filter: dict(zip(STAGES, THEIRS[HUMANEVA][filter.partition(",")[0]], strict=True)) for filter in own}
-    theirs, told = ("; ".join(f"{name} {_added(seconds)}" for name, seconds in each.items()) for each in (published, own))
+    theirs, ours = ("; ".join(f"{name} {_added(seconds)}" for name, seconds in each.items()) for each in (published, own))
     what = "Table 4: time of FBS, variational and Gibbs smoothing in percent of the filter's"
     why = "circle; the mixture counts for the last two"
-    return [Claim(what, theirs, told, "none: another machine", why)]
+    return [Claim(what, theirs, ours, "none: another machine", why)]
 
 
 def _added(seconds: Mapping[str, float]) -> str:

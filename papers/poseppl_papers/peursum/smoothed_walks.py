@@ -45,7 +45,7 @@ from poseppl_papers.runs import stacked
 
 ALGORITHMS = ("filter", "FBS", "variational", "Gibbs")
 STAGES = ("filter", "FBS", "mixture", "variational", "Gibbs")
-"""What time is spent on (Table 4); the last two stand on the mixture."""
+"""Stages that are timed (Table 4); the last two use the mixture."""
 Judge = Callable[[Any, Any, Floats, Floats], Any]
 """From the tree, a frame's poses (N, d), weights (N,) and truth (15, 3) to its error."""
 MAX_PAIRED = 10_000
@@ -57,12 +57,12 @@ class SmoothedRuns(Job):
     """Runs of one filter, and the smoothers after it.
 
     Attributes:
-        scene: What is seen.
-        system: Who sees it.
+        scene: Scene that is seen.
+        system: Tracking system.
         method: The filter.
         runs: Numbers of the runs, which are seeds.
-        rounds: Of the Gibbs sampler.
-        training: What the motion is learned from; None for a generic one.
+        rounds: Rounds of the Gibbs sampler.
+        training: Training data of the motion; None for a generic one.
         training_rate: Frames a second at which it is learned.
         smoothed: Whether smoothers follow.
     """
@@ -90,7 +90,7 @@ class SmoothedRuns(Job):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return f"{self.system.name}-{self.scene.name}-{self.method.name}-{self.runs[0]}"
 
     @property
@@ -117,7 +117,7 @@ class SmoothedWalk(SmoothedRuns):
 
 
 class Motion(NamedTuple):
-    """What smoothers take of a motion: its tables, which FBS takes as they are, and their floored logarithms."""
+    """Inputs of smoothers from a motion: its tables, which FBS uses unchanged, and their floored logarithms."""
 
     tables: FactoredTables
     floored: LogTables
@@ -182,10 +182,10 @@ def smooth_track(
     Args:
         problem: A system before a scene.
         track: The filter's particles.
-        motion: What smoothers take of the motion.
-        rounds: Of the Gibbs sampler.
-        seed: Of the run.
-        judge: Of a frame.
+        motion: Inputs of smoothers from the motion.
+        rounds: Rounds of the Gibbs sampler.
+        seed: Seed of the run.
+        judge: Error of a frame.
     """
     key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
     filtered, weights = filter_track(problem, track, judge), _weights(track)
@@ -210,8 +210,8 @@ def smooth_track(
         stages.append(spent / len(weights))
         seconds.append(stages[2] + stages[-1])
         counts.append(int(count))
-    told = {"errors": np.array(errors), "seconds": np.array(seconds), "stages": np.array(stages), "rounds": counts[0]}
-    return filtered | told
+    found = {"errors": np.array(errors), "seconds": np.array(seconds), "stages": np.array(stages), "rounds": counts[0]}
+    return filtered | found
 
 
 def _weights(track: Track) -> Floats:

@@ -28,29 +28,24 @@ def exponent_table(jobs: Sequence[Tracking], results: Results) -> Table:
     rows: list[tuple[Any, ...]] = []
     for job in jobs:
         exponent = dict(job.system.settings).get("exponent", PUBLISHED_EXPONENT)
-        told = "" if job.method.name.startswith(ANNEALED) else f"{exponent:g}"
+        text = "" if job.method.name.startswith(ANNEALED) else f"{exponent:g}"
         found = {name: values[:, 1:] for name, values in joined([job], results).items() if values.ndim > 1}
         for index, run in enumerate(job.runs):
             errors = [float(value) for value in found["errors"][index].mean(0)]
             cost = float(found["ess_share"][index].mean()), float(np.median(found["seconds"][index]))
-            rows.append((job.system.name, job.scene.name, job.num_frames, job.method.name, told, run, *errors, *cost))
+            rows.append((job.system.name, job.scene.name, job.num_frames, job.method.name, text, run, *errors, *cost))
     about = "Plain filter over lambda and annealed filter, one row a run: errors in mm, mean ESS / N, seconds a frame (median)."
     return Table("exponents", columns, rows, about)
 
 
 def trackers(tables: Tables) -> str:
-    """Errors of the filters in two scenes, with two diffusions."""
+    """Errors of the filters, with two diffusions."""
     rows = [
-        [f"{DIFFUSIONS[row['system']]}, {furnished(row['scene'])}", row["method"], *told_errors(row), f"{row['seconds']:.2g}"]
+        [DIFFUSIONS[row["system"]], row["method"], *told_errors(row), f"{row['seconds']:.2g}", str(row["runs"])]
         for row in filter_rows(tables, "trackers")
     ]
-    columns = ("diffusion, scene", "filter", "error", "relative", "best particle", "s a frame")
+    columns = ("diffusion", "filter", "error", "relative", "best particle", "s a frame", "runs")
     return markdown(columns, rows)
-
-
-def furnished(scene: str) -> str:
-    """Of a scene's name: "clean", or "furniture"."""
-    return "furniture" if scene.endswith("clutter") else "clean"
 
 
 def sweep(tables: Tables, diffusion: str, column: str) -> dict[str, Measured]:
@@ -73,7 +68,7 @@ def exponents(tables: Tables) -> str:
         for name in columns[0]:
             filter = names[True] if name == "annealed" else f"{names[False]}, lambda = {name}"
             ess = "" if name == "annealed" else f"{columns[3][name].mean:.2g}"
-            shown = (each[name].told() for each in columns[:3])
+            shown = (each[name].text() for each in columns[:3])
             rows.append([diffusion, filter, *shown, ess, str(columns[0][name].runs)])
     return markdown(("diffusion", "filter", "error", "relative", "best particle", "ESS / N", "runs"), rows)
 
@@ -97,12 +92,12 @@ def told_share(row: dict[str, Any]) -> str:
 
 
 def mixtures(tables: Tables) -> str:
-    """What a mixture in place of the likelihood costs."""
+    """Cost of a mixture in place of the likelihood."""
     if "mixtures" not in tables:
         return ""
     rows = tables["mixtures"].records()
     error = {row["smoother"]: row["error"] for row in rows}
     shown = [[row["smoother"], f"{row['error']:.2f}", f"{row['variance']:.2f}"] for row in rows]
     times = error[PUBLISHED] / error[DEFAULT]
-    told = f"The mixture that is not divided makes the smoothed means {times:.1f} times as wrong as the one that is."
-    return f"{markdown(('smoother', 'error', 'variance'), shown)}\n\n{told}"
+    text = f"The mixture that is not divided makes the smoothed means {times:.1f} times as wrong as the one that is."
+    return f"{markdown(('smoother', 'error', 'variance'), shown)}\n\n{text}"

@@ -1,7 +1,7 @@
 """A filter's particles over a walk, as the smoothers of the paper take them: phases, bins, rotations and roots.
 
-What has no phases, as the generic motion, has one. The first pose is the true one for generic motions, and found by the learned
-one, by as many particles as :data:`FIRST_PARTICLES` on the first frame.
+A motion without phases, such as the generic one, has one phase. The first pose is the true one for generic motions. The learned
+motion finds it with :data:`FIRST_PARTICLES` particles on the first frame.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Track(NamedTuple):
         states: The filter's (T, N, d').
         poses: (T, N, d), mm and radians.
         log_weights: Normalised (T, N).
-        ancestors: Of each in the frame before (T, N); each its own where the filter does not tell.
+        ancestors: Ancestor of each in the previous frame (T, N); its own index if the filter does not report it.
         particles: Phases (T, N), bins (T, N, D) and roots (T, N, 4).
         rotations: (T, N, D), radians.
-        seconds: Of each frame (T,).
+        seconds: Seconds of each frame (T,).
     """
 
     states: Array
@@ -73,7 +73,7 @@ def run_track(problem: Problem, filter: Filter, step: Callable[..., Any], seed: 
         problem: A system before a scene.
         filter: The filter.
         step: Its step, compiled.
-        seed: Of the run.
+        seed: Seed of the run.
     """
     key, data = jax.random.key(seed + 1), problem.model.observe({})
     finds = problem.system.learned is not None

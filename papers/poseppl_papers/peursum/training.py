@@ -12,7 +12,7 @@ from poseppl_papers.recordings import Recording
 
 BODY = "poseppl_models.peursum.marker_body:full_body"
 _SECONDS = 3.0
-"""Of the built-in walk."""
+"""Length of the built-in walk."""
 VERSION = 2
 """Counted up when training comes to mean another thing."""
 

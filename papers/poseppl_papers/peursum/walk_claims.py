@@ -1,4 +1,4 @@
-"""What the paper claims of filters and smoothers on walks (sections 6 and 8), and what the table says.
+"""The paper's claims about filters and smoothers on walks (sections 6 and 8), and our table's.
 
 Differences are shares of the error that they are compared with, and are judged by :data:`poseppl_papers.measured.MATTERS`.
 Intervals are over people, each of whom is a mean of runs.
@@ -50,10 +50,12 @@ def walk_claims(tables: Tables) -> list[Claim]:
 
 
 def _errors(tables: Tables, kind: str) -> Claim:
-    told = [f"{filter} {mean_interval(list(_filtered(tables, filter, kind).values())).told()}" for filter in filters_of(tables)]
+    parts = [
+        f"{filter} {mean_interval(list(_filtered(tables, filter, kind).values())).text()}" for filter in filters_of(tables)
+    ]
     theirs = ", ".join(f"{name} {error:.0f}" for name, error in THEIRS[kind].items())
     what = f"Table 2: errors of the filters, {_PAPERS[kind]}, mm"
-    return Claim(what, theirs, f"{', '.join(told)} ({kind})", "none: other recordings", "mean posture at thirteen joints")
+    return Claim(what, theirs, f"{', '.join(parts)} ({kind})", "none: other recordings", "mean posture at thirteen joints")
 
 
 def _alike(tables: Tables, kind: str, plain: str, annealed: str) -> Claim:
@@ -63,7 +65,7 @@ def _alike(tables: Tables, kind: str, plain: str, annealed: str) -> Claim:
     theirs = THEIRS[kind]
     published = 100 * (1 - theirs["Simple-APF"] / theirs["Simple-PF"])
     what = f"Section 6.1: the plain and the annealed filter perform similarly, {_PAPERS[kind]}"
-    ours = f"{annealed} {less.told()} % less than {plain} ({kind})"
+    ours = f"{annealed} {less.text()} % less than {plain} ({kind})"
     return Claim(what, f"annealed {published:.0f} % less", ours, less.within(-BOUND, BOUND), _WHY)
 
 
@@ -72,11 +74,11 @@ def _guides(tables: Tables, learned: str, generic: str) -> Claim:
     more = {name: _added(tables, name) for name in (learned, generic)}
     people = [person for person in more[learned] if person in more[generic]]
     apart = mean_interval([more[generic][person] - more[learned][person] for person in people])
-    told = ", ".join(f"{name} {mean_interval(list(own.values())).told()}" for name, own in more.items())
+    text = ", ".join(f"{name} {mean_interval(list(own.values())).text()}" for name, own in more.items())
     published = {name: 100 * (THEIRS[FURNITURE][name] / THEIRS[CIRCLES][name] - 1) for name in THEIRS[CIRCLES]}
     theirs = f"% more: {', '.join(f'{_short(name)} {published[_short(name)]:.0f}' for name in (learned, generic))}"
     what = f"Section 6.1: clutter adds more to the error of {generic} than to that of {learned}"
-    return Claim(what, theirs, f"% more: {told}; {apart.told()} apart", apart.above(BOUND), _WHY)
+    return Claim(what, theirs, f"% more: {text}; {apart.text()} apart", apart.above(BOUND), _WHY)
 
 
 def _added(tables: Tables, filter: str) -> dict[str, float]:
@@ -113,20 +115,20 @@ def _gains(tables: Tables, filter: str, kinds: Sequence[str]) -> dict[str, Inter
 
 
 def _less(found: Mapping[str, Interval]) -> str:
-    return f"% less: {', '.join(f'{name} {gain.told()}' for name, gain in found.items())}"
+    return f"% less: {', '.join(f'{name} {gain.text()}' for name, gain in found.items())}"
 
 
 def _effective(tables: Tables, filter: str) -> Claim:
-    mean, told = _over_people(tables, filter, "ess_share", ".2f")
+    mean, text = _over_people(tables, filter, "ess_share", ".2f")
     what = "The effective sample size of FSHHMM-PF, as a share of N"
-    return Claim(what, "0.05 to 0.2", told, mean.within(*ESS_SHARES), "95 % interval over people")
+    return Claim(what, "0.05 to 0.2", text, mean.within(*ESS_SHARES), "95 % interval over people")
 
 
 def _survivors(tables: Tables, filter: str) -> Claim:
     count = float(filter.rpartition(" ")[2].replace(",", ""))
-    mean, told = _over_people(tables, filter, "survivors", ".0f", count)
+    mean, text = _over_people(tables, filter, "survivors", ".0f", count)
     what = f"Section 6.2: of {count:,.0f} particles one has descendants three frames later"
-    return Claim(what, "one", told, mean.below(2), "holds below two; 95 % interval over people")
+    return Claim(what, "one", text, mean.below(2), "holds below two; 95 % interval over people")
 
 
 def _over_people(tables: Tables, filter: str, column: str, spec: str, factor: float = 1.0) -> tuple[Interval, str]:
@@ -134,7 +136,7 @@ def _over_people(tables: Tables, filter: str, column: str, spec: str, factor: fl
     own = [errors_by_person(tables, filter, FILTER, kind, column) for kind in _PAPERS]
     people = dict.fromkeys(person for each in own for person in each)
     mean = mean_interval([factor * float(np.mean([each[person] for each in own if person in each])) for person in people])
-    return mean, f"{mean.told(spec)}, {len(people)} people"
+    return mean, f"{mean.text(spec)}, {len(people)} people"
 
 
 def _seconds(tables: Tables, filter: str) -> Claim:

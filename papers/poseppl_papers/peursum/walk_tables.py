@@ -15,7 +15,7 @@ from poseppl_papers.tables import Table, grouped, markdown
 COLUMNS = ("scene", "frames", "filter", "smoother", "run", "error", "seconds", "ess_share", "survivors")
 FILTER, SMOOTHERS = ALGORITHMS[0], ALGORITHMS[1:]
 CIRCLES, FURNITURE, ANNOUNCED = KINDS = ("circles", "furniture", "announced furniture")
-"""Scenes: without furniture, among furniture as the paper has it, and where trackers are given the pixels that it hides."""
+"""Scenes: without furniture, among furniture as the paper has it, and where trackers are given its pixels."""
 _ABOUT = (
     "Error of the mean posture at thirteen joints (mm), mean over frames from the sixth on; seconds a frame, those of a filter "
     "without compilation; shares of particles that are effective, and that have descendants three frames later."
@@ -28,11 +28,11 @@ def walk_table(jobs: Jobs, results: Results) -> list[Table]:
     for job in jobs["walks"]:
         found = results[job.key]
         for index, run in enumerate(job.runs):
-            told = float(found["ess_share"][index]), float(found["survivors"][index])
+            shares = float(found["ess_share"][index]), float(found["survivors"][index])
             for number, name in enumerate(ALGORITHMS[: found["errors"].shape[1]]):
                 error = float(found["errors"][index, number, BURN_IN_FRAMES:].mean())
                 seconds = float(found["seconds"][index, number]) if index or name == FILTER else np.nan
-                rows.append((job.scene.name, job.num_frames, job.method.name, name, run, error, seconds, *told))
+                rows.append((job.scene.name, job.num_frames, job.method.name, name, run, error, seconds, *shares))
     return [Table("walks", COLUMNS, rows, _ABOUT)]
 
 
@@ -57,7 +57,7 @@ def filters_of(tables: Tables) -> list[str]:
 
 
 def gains(tables: Tables, filter: str, smoother: str, kind: str) -> dict[str, float]:
-    """How much lower a smoother's error is than its filter's, % of the latter, by person; empty where it was not run."""
+    """Difference of a filter's and its smoother's error, % of the filter's, by person; empty if it was not run."""
     own, before = (errors_by_person(tables, filter, name, kind) for name in (smoother, FILTER))
     return {person: 100 * (1 - own[person] / before[person]) for person in own if np.isfinite(own[person])}
 
@@ -69,11 +69,11 @@ def walks(tables: Tables) -> str:
     rows = []
     for filter in filters_of(tables):
         for name in ALGORITHMS:
-            told = [_told(tables, filter, name, kind) for kind in (CIRCLES, FURNITURE)]
+            cells = [_told(tables, filter, name, kind) for kind in (CIRCLES, FURNITURE)]
             seconds = tables["walks"].column("seconds", filter=filter, smoother=name).astype(float)
             cost = f"{np.nanmedian(seconds):.2g}" if np.isfinite(seconds).any() else ""
             known = _told(tables, filter, name, ANNOUNCED)[0] if name == FILTER else ""
-            rows.append([filter, name, *(each for pair in told for each in pair), known, cost])
+            rows.append([filter, name, *(each for pair in cells for each in pair), known, cost])
     columns = ("filter", "smoother", *(f"{kind}: {what}" for kind in (CIRCLES, FURNITURE) for what in ("error", "less, %")))
     return markdown((*columns, f"{ANNOUNCED}: error", "s a frame"), rows)
 
@@ -82,5 +82,5 @@ def _told(tables: Tables, filter: str, name: str, kind: str) -> tuple[str, str]:
     errors = list(errors_by_person(tables, filter, name, kind).values())
     if not errors or not np.isfinite(errors).all():
         return "", ""
-    less = "" if name == FILTER else mean_interval(list(gains(tables, filter, name, kind).values())).told()
-    return mean_interval(errors).told(), less
+    less = "" if name == FILTER else mean_interval(list(gains(tables, filter, name, kind).values())).text()
+    return mean_interval(errors).text(), less

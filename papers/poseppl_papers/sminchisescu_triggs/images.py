@@ -26,9 +26,9 @@ from poseppl_papers.sminchisescu_triggs.trackers import TRACKERS, search_setting
 from poseppl_papers.sminchisescu_triggs.tracks import Estimate, follow, marker_error, walk_scales
 
 SIZE, FOCAL, DISTANCE, HEIGHT = (640, 480), 1000.0, 3000.0, 1500.0
-"""Of the camera: px, and mm from the shoulder and above the floor."""
+"""Camera: picture size and focal length in px, mm from the shoulder and above the floor."""
 LEVELS, EDGES, FLOW, WEIGHT = (1.0, 2.5), 3.0, 4.0, 16.0
-"""Of the cost: levels of the pyramid, standard deviations (px) and weight."""
+"""Parameters of the cost: levels of the pyramid, standard deviations (px) and weight."""
 POSITION_STEP, ANGLE_STEP = 60.0, 1.5
 """Standard deviations of the walk in a second, mm and radians."""
 _START = (15.0, 0.05)
@@ -44,7 +44,7 @@ class Pictures(Job):
         seconds: How long the scene is.
         cluttered: Whether there is a room; otherwise what is not the person is black.
         tracker: One of TRACKERS that is robust and has all constraints.
-        seeds: Of motion and room.
+        seeds: Seeds of motion and room.
     """
 
     rate: float

@@ -8,7 +8,7 @@ programs of the joints, different for every seed, and recorded motions. Angles a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,10 +21,11 @@ from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import read_motion
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl_papers.recordings import Recording
+from poseppl_papers.sminchisescu_triggs.reflections import MOTIONS, swung
 
 _BODY = "poseppl_models.sminchisescu_triggs.body:superquadric_body"
-_START = 2.0
-"""Second of a recording at which its motion starts."""
+BEGIN = 2.0
+"""Second of a recording at which its first motion begins."""
 
 
 class Moving(NamedTuple):
@@ -90,36 +91,42 @@ _LEGS = {
     for key, value in {(f"hip_{side}", "X"): (0.4, 0.3), (f"knee_{side}", "X"): (-0.5, 0.35)}.items()
 }
 Program = Callable[[Any, Floats, np.random.Generator], Floats]
-PROGRAMS: Mapping[str, Program] = {"arm": arm, "pivot": pivot, "turns": turns}
+PROGRAMS: Mapping[str, Program] = {
+    "arm": arm,
+    "pivot": pivot,
+    "turns": turns,
+    **{name: partial(swung, name) for name in MOTIONS},
+}
 
 
 @lru_cache(maxsize=64)
-def moving(scene: str, kind: str, recording: Recording, rate: float, seconds: float, seed: int) -> Moving:
+def moving(scene: str, kind: str, recording: Recording, rate: float, seconds: float, seed: int, begin: float = BEGIN) -> Moving:
     """Make a motion.
 
     Args:
-        scene: "arm", "pivot" or "turns", programs of our own, or "recorded".
+        scene: A name of PROGRAMS, or "recorded".
         kind: The body, "arm", "stiff_shoulders" or "full".
         recording: Whose motion it is where it is "recorded".
         rate: Frames a second.
         seconds: How long it is.
-        seed: Of a program; recordings are what they are.
+        seed: Seed of a program; recordings do not depend on it.
+        begin: Second of the recording at which its motion begins.
     """
     build = load_builder(_BODY)
     if scene == "recorded":
-        return _recorded(build, kind, recording, rate, seconds)
+        return _recorded(build, kind, recording, rate, seconds, begin)
     body: Any = build(kind)
     times = np.arange(round(seconds * rate)) / rate
     states = PROGRAMS[scene](body, times, np.random.default_rng([seed, len(scene)]))
     return Moving(body, states, _markers(body, states))
 
 
-def _recorded(build: Any, kind: str, recording: Recording, rate: float, seconds: float) -> Moving:
+def _recorded(build: Any, kind: str, recording: Recording, rate: float, seconds: float, begin: float) -> Moving:
     """The frames of a recording that are nearest to the rate."""
     assert recording.path is not None
     own = read_motion(recording.path, recording.skeleton).rate
     step = max(1, round(own / rate))
-    first = round(_START * own)
+    first = round(begin * own)
     subject = recorded_subject(
         recording.path,
         recording.skeleton,

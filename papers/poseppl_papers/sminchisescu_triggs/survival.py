@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from poseppl.arrays import Floats
-from poseppl_papers.measured import Interval
+from poseppl_papers.measured import Interval, mean_interval
+from poseppl_papers.tables import grouped
 
 LOST = 150.0
 """Mean distance (mm) of markers from the truth, both relative to the root, beyond which a body is lost."""
@@ -24,8 +26,17 @@ def lost_at(errors: Floats, rate: float) -> float:
     return float(full[0] / rate) if len(full) else float("inf")
 
 
-def percent_lost(lost: Floats) -> Interval:
-    """Percent of the runs that lost the body, by the seconds (R,) when they did, inf for never, with Wilson's 95 % interval."""
+def percent_lost(lost: Floats, motions: Iterable[str] = ()) -> Interval:
+    """Percent of the runs that lost the body, with its 95 % interval.
+
+    Args:
+        lost: Seconds (R,) when they did, inf for never.
+        motions: Motion of each run. The interval is Student's over motions if some have several runs, otherwise Wilson's over
+            runs.
+    """
+    groups = grouped(zip(motions, np.isfinite(lost), strict=False), lambda pair: pair[0])
+    if 1 < len(groups) < len(lost):
+        return mean_interval([100 * float(np.mean([each for _, each in own])) for own in groups.values()]).clipped(0, 100)
     count, runs = int(np.isfinite(lost).sum()), len(lost)
     found: Any = stats.binomtest(count, runs).proportion_ci(method="wilson")
     return Interval(100 * count / runs, 100 * float(found.low), 100 * float(found.high))

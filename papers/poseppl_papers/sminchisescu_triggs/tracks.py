@@ -15,19 +15,22 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.filters import Filter, assumed_density_filter, covariance_scaled_filter
+from poseppl.filters import Filter, assumed_density_filter, covariance_scaled_filter, particle_filter
 from poseppl.jobs import Job
+from poseppl.jobs.job import later_field
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.geometry import Cameras, look_at, marker_positions, project
+from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.runs import stacked
-from poseppl_papers.sminchisescu_triggs.motions import Moving, moving
+from poseppl_papers.sminchisescu_triggs.motions import BEGIN, Moving, moving
+from poseppl_papers.sminchisescu_triggs.reflections import axis_of_motion
 from poseppl_papers.sminchisescu_triggs.survival import lost_at
 from poseppl_papers.sminchisescu_triggs.trackers import TRACKERS, Tracker, search_settings
 
 FOCAL, DISTANCE = 1000.0, 4500.0
-"""Of the camera: px, and mm from the middle of the path."""
+"""Focal length of the camera, px, and its distance from the middle of the path, mm."""
 NOISE = 3.0
 """Standard deviation of points, px."""
 OUTLIERS, ASTRAY = 0.1, 80.0
@@ -36,6 +39,7 @@ POSITION_STEP, ANGLE_STEP = 100.0, 1.0
 """Standard deviations of the walk in a second, mm and radians."""
 _START = (20.0, 0.1)
 _METRE = 1000.0
+_BODY = "poseppl_models.sminchisescu_triggs.body:superquadric_body"
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,10 @@ class Tracks(Job):
         seconds: How long the scene is.
         cluttered: Whether points go astray.
         tracker: One of TRACKERS.
-        seeds: Of motions and noise.
+        seeds: Seeds of motions and noise.
+        apart: Whether parts are kept out of each other, by trackers that do not say.
+        along: Whether the camera looks along the direction in which hands and feet move most.
+        begin: Second of the recording at which its motion begins.
     """
 
     scene: str
@@ -61,6 +68,9 @@ class Tracks(Job):
     cluttered: bool
     tracker: str
     seeds: tuple[int, ...]
+    apart: bool = False
+    along: bool = False
+    begin: float = later_field(BEGIN)
 
     @property
     def name(self) -> str:
@@ -70,7 +80,9 @@ class Tracks(Job):
     @property
     def motion(self) -> str:
         """The scene's name in tables."""
-        return self.scene if self.scene != "recorded" else self.recording.name
+        if self.scene != "recorded":
+            return self.scene
+        return self.recording.name if self.begin == BEGIN else f"{self.recording.name}, {self.begin:g} s"
 
 
 class Scene(NamedTuple):
@@ -83,9 +95,12 @@ class Scene(NamedTuple):
 
 def scene_of(job: Tracks, seed: int) -> Scene:
     """The scene of a seed."""
-    motion = moving(job.scene, job.kind, job.recording, job.rate, job.seconds, seed if job.recording == BUILT_IN else 0)
+    own = seed if job.recording == BUILT_IN else 0
+    motion = moving(job.scene, job.kind, job.recording, job.rate, job.seconds, own, job.begin)
     middle = np.median(motion.markers.reshape(-1, 3), axis=0)
-    camera = look_at((middle[0], middle[1] - DISTANCE, middle[2] + 300.0), tuple(middle), FOCAL)
+    axis = axis_of_motion(motion.body.tree.marker_names, motion.markers) if job.along else np.array([0.0, 1.0])
+    eye = middle - DISTANCE * np.append(axis, 0.0) + [0.0, 0.0, 300.0]
+    camera = look_at(tuple(eye), tuple(middle), FOCAL)
     exact = np.asarray(jax.vmap(lambda places: project(camera, places))(jnp.asarray(motion.markers, float)), np.float64)
     rng = np.random.default_rng([seed, 2])
     points = exact + NOISE * rng.normal(size=exact.shape)
@@ -95,13 +110,29 @@ def scene_of(job: Tracks, seed: int) -> Scene:
     return Scene(motion, camera, points)
 
 
+def _filter(model: Any, tracker: Tracker, kind: str) -> tuple[Filter, Callable[[Any], Estimate]]:
+    """A tracker's filter, and what it answers."""
+    if tracker.draws:
+        return assumed_density_filter(model), all_draws
+    if tracker.particles:
+        return particle_filter(model, tracker.particles), all_draws
+    jumps = _jumps(kind) if tracker.jumps else None
+    return covariance_scaled_filter(model, 1, **search_settings(tracker, kind), jumps=jumps), heaviest_mode
+
+
+@lru_cache(maxsize=4)
+def _jumps(kind: str) -> Any:
+    """The jumps of a body, one object for all runs, so that they share a compiled filter."""
+    return kinematic_jumps(load_builder(_BODY)(kind).tree)
+
+
 class Estimate(NamedTuple):
-    """What a tracker answers.
+    """Output of a tracker.
 
     Attributes:
         states: One mode, or all draws (N, d).
         weights: Normalised (N,).
-        covariance: Of the mode or the draws (d, d).
+        covariance: Covariance of the mode or the draws (d, d).
         modes: How many there are; NaN of draws.
     """
 
@@ -144,12 +175,9 @@ def track(job: Tracks) -> dict[str, Any]:
 def _track_one(job: Tracks, seed: int) -> dict[str, float]:
     tracker, scene = TRACKERS[job.tracker], scene_of(job, seed)
     body, truth = scene.motion.body, scene.motion.markers
-    inputs, model = _model(job, tracker, scene)
-    if tracker.draws:
-        built, estimate = assumed_density_filter(model), all_draws
-    else:
-        built, estimate = covariance_scaled_filter(model, 1, **search_settings(tracker, job.kind)), heaviest_mode
-    observations = [model.observe(_data(model, points)) for points in scene.points]
+    inputs, model = compiled_model(job, tracker, scene)
+    built, estimate = _filter(model, tracker, job.kind)
+    observations = [model.observe(data_of(model, points)) for points in scene.points]
 
     def error(frame: int, found: Estimate) -> float:
         return marker_error(found.mean_of(partial(marker_positions, body.tree)), truth[frame])
@@ -172,7 +200,7 @@ def follow(
 
     Args:
         built: The tracker.
-        seed: Of the run.
+        seed: Seed of the run.
         rate: Frames a second.
         num_frames: How many frames.
         frame_of: From a frame, and the pose of the heaviest mode in the one before, to the data and the inputs.
@@ -180,14 +208,15 @@ def follow(
         start: The pose before the first frame.
         estimate: From a state to what the tracker answers.
     """
-    assert built.initial_state is not None
-    step, first, best = _compiled_step(built), frame_of(0, start), start
-    state, key = built.initial_state(*first), jax.random.key(seed)
+    first, best, key = frame_of(0, start), start, jax.random.key(seed)
+    begin, step = _compiled_steps(built)
+    state = None if built.initial_state is None else built.initial_state(*first)
     ready: Any = jax.block_until_ready
-    ready(step(key, state, *first))  # compiled before the clock starts
+    ready(step(key, begin(key, *first)[0] if state is None else state, *first))  # compiled before the clock starts
     errors, ratios, modes, began = [], [], [], time.process_time()
     for frame in range(num_frames):
-        state, _ = step(jax.random.fold_in(key, frame), state, *frame_of(frame, best))
+        own, data = jax.random.fold_in(key, frame), frame_of(frame, best)
+        state, _ = begin(own, *data) if state is None else step(own, state, *data)
         found = estimate(state)
         best = found.states[0]
         errors.append(error_of(frame, found))
@@ -207,29 +236,30 @@ def follow(
 
 
 @lru_cache(maxsize=8)
-def _compiled_step(built: Filter) -> Any:
-    return jit(built.step)
+def _compiled_steps(built: Filter) -> tuple[Any, Any]:
+    return jit(built.init), jit(built.step)
 
 
-def _model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
+def compiled_model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
     """Inputs of every frame, and the compiled model."""
     programs = load_builder("poseppl_models.sminchisescu_triggs.points:point_programs")
     make_inputs = load_builder("poseppl_models.sminchisescu_triggs.points:point_inputs")
     body = scene.motion.body
     start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
+    step = step * tracker.noise**0.5 if tracker.particles else step
     noise = np.full((1, len(body.tree.marker_names)), NOISE)
     known = (noise, scene.motion.states[0], start, step)
     own = (scene.camera, *(jnp.asarray(part, float) for part in known), body.tree, body.flesh)
     inputs = make_inputs(*own, robust=tracker.robust)
-    parts = job.kind == "arm" if tracker.parts is None else tracker.parts
+    parts = job.apart if tracker.parts is None else tracker.parts
     limits = ("barrier" if tracker.draws else "support") if tracker.limits else "none"
     program = programs(job.kind, limits=limits, parts=parts)
     leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
-    return inputs, _compiled_model(program, tree, tuple(leaves))
+    return inputs, _compiled(program, tree, tuple(leaves))
 
 
 @lru_cache(maxsize=8)
-def _compiled_model(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...]) -> CompiledModel:
+def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...]) -> CompiledModel:
     """One compiled model for all seeds, so that all of them have one filter."""
     return program.compile(jax.tree.unflatten(tree, shapes), {})
 
@@ -240,7 +270,7 @@ def walk_scales(body: Any, start: tuple[float, float], step: tuple[float, float]
     return np.array(start)[units], (np.array(step) / rate**0.5)[units]
 
 
-def _data(model: Any, points: Floats) -> dict[str, Floats]:
+def data_of(model: Any, points: Floats) -> dict[str, Floats]:
     """The points of a frame; parts keep apart as if that were observed."""
     return {name: points if name == "points" else np.zeros(site.shape) for name, site in model.observation_sites.items()}
 
@@ -250,8 +280,13 @@ def marker_error(places: Floats, truth: Floats) -> float:
     return float(np.linalg.norm((places - places[0]) - (truth - truth[0]), axis=-1)[1:].mean())
 
 
+def in_metres(dimension: int) -> Floats:
+    """Millimetres or radians (d,) of a coordinate's unit: metres for the first three, radians for the others."""
+    return np.where(np.arange(dimension) < 3, _METRE, 1.0)
+
+
 def _ratio(covariance: Floats) -> float:
     """Largest over smallest standard deviation of a covariance (d, d), its first three coordinates in metres."""
-    units = np.where(np.arange(len(covariance)) < 3, _METRE, 1.0)
+    units = in_metres(len(covariance))
     values = np.linalg.eigvalsh(covariance / np.outer(units, units))
     return float(np.sqrt(values[-1] / max(values[0], 1e-16)))

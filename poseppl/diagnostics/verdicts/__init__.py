@@ -2,25 +2,18 @@
 
 Each file beside this one has the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
 those that :func:`verdicts` makes of any result. A check that cannot judge a result yields `not_run`. A package with checks of
-its own is listed in `EXTENSIONS`, and has its own `CHECKS`.
+its own is listed in `extensions`, and has its own `CHECKS` in its module `verdicts`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import import_module
 
 import xarray as xr
 
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.verdicts.chains import (
-    RHAT_HIGH as RHAT_HIGH,
-    RHAT_SHARE as RHAT_SHARE,
-    agreement,
-    divergences,
-    mixing,
-    rejection,
-)
+from poseppl.diagnostics.extensions import extension_of
+from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
 from poseppl.diagnostics.verdicts.coverage import coverage, forecasts
 from poseppl.diagnostics.verdicts.particles import degeneracy, mode_seeking
 from poseppl.diagnostics.verdicts.predictive import (
@@ -57,8 +50,8 @@ CHECKS: dict[str, Check] = {
     "effective particles": degeneracy,
     "number of chains": few_points,
     "divergences": divergences,
-    "mixing": mixing,
     "R-hat": agreement,
+    "mixing": mixing,
     "rejection": rejection,
     "predictions": prediction,
     "weakly informed coordinates": unreached,
@@ -70,14 +63,12 @@ CHECKS: dict[str, Check] = {
 }
 """The checks by name; among findings of one severity, those of earlier checks come first: causes before effects."""
 
-EXTENSIONS = {"body": "poseppl.motion.verdicts"}
-"""Modules of further checks, by the group that results have for which they are; a file can choose none but these."""
-
 
 def checks_of(tree: xr.DataTree) -> dict[str, Check]:
     """The checks for a result: those for any, or those of the extension for its kind, which has them among its own."""
-    modules = [import_module(name) for group, name in EXTENSIONS.items() if group in tree.children]
-    return modules[0].CHECKS if modules else CHECKS
+    extension = extension_of(tree, "verdicts")
+    found: dict[str, Check] = CHECKS if extension is None else extension.CHECKS
+    return found
 
 
 def verdicts(tree: xr.DataTree) -> list[Verdict]:
@@ -101,7 +92,7 @@ def verdicts(tree: xr.DataTree) -> list[Verdict]:
 
 def _no_problems(found: Mapping[str, Sequence[Verdict]]) -> str:
     """How many of the checks for such a result were run, and which were not, by what is missing."""
-    reasons = {name: next((each.finding for each in told if each.severity == NOT_RUN), None) for name, told in found.items()}
+    reasons = {name: next((each.finding for each in group if each.severity == NOT_RUN), None) for name, group in found.items()}
     others = {reason: [name for name, why in reasons.items() if why == reason] for reason in reasons.values() if reason}
     number, left = sum(reason is None for reason in reasons.values()), sum(map(len, others.values()))
     rest = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in others.items())

@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 
 from poseppl.arrays import Booleans
+from poseppl.diagnostics.efficiency import RHAT_HIGH, RHAT_SHARE, disagreement
 from poseppl.diagnostics.evidence import NONE, evidence_words
-from poseppl.diagnostics.paired_comparison import TIE
+from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
 from poseppl.diagnostics.run_figures import FORMULA
-from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
+from poseppl.diagnostics.verdicts import ERROR, INFO, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
 from poseppl.diagnostics.verdicts.verdict import Findings
 
@@ -24,16 +25,6 @@ _KINDS = {
     "calibrated": Verdict(INFO, "Calibrated; coverage of 90 % intervals"),
     "undecided": Verdict(INFO, "The sequence is too short to decide on calibration; coverage of 90 % intervals"),
 }
-_TITLES = {
-    "ess_per_second": "ESS per second",
-    "ess_per_evaluation": "ESS per evaluation",
-    "error": "Error",
-}
-_BEST = {
-    "ess_per_second": "has the highest ESS per second",
-    "ess_per_evaluation": "has the highest ESS per evaluation of likelihood or gradient",
-    "error": "has the smallest error",
-}
 
 
 def findings(tree: xr.DataTree) -> list[Verdict]:
@@ -43,9 +34,10 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
         tree: The tree of :func:`poseppl.diagnostics.compare`.
 
     Returns:
-        The winners, then the problems of single runs.
+        The runs whose chains disagree, whose tau and ESS say little; the winners; then the problems of single runs.
     """
-    return [*_winners(tree), *_other_cameras(tree), *_evidence(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
+    checks = _agreement, _winners, _other_cameras, _evidence, _coverage, _closed_form
+    return [found for check in checks for found in check(tree)]
 
 
 def _evidence(tree: xr.DataTree) -> Findings:
@@ -57,9 +49,9 @@ def _evidence(tree: xr.DataTree) -> Findings:
     def words_of(mask: Booleans) -> str:
         return words([names[index] for index in np.flatnonzero(mask)])
 
-    told = [f"{names[index]} {evidence_words(data.isel(run=index))}" for index in np.flatnonzero(np.isfinite(total))]
-    if told:
-        yield Verdict(INFO, f"Log evidence: {'; '.join(told)}.")
+    evidences = [f"{names[index]} {evidence_words(data.isel(run=index))}" for index in np.flatnonzero(np.isfinite(total))]
+    if evidences:
+        yield Verdict(INFO, f"Log evidence: {'; '.join(evidences)}.")
     if known.sum() > 1 and not any(_other_cameras(tree)):  # evidences of different data are not compared
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
@@ -90,15 +82,15 @@ def wins(tree: xr.DataTree, quantity: str) -> dict[str, int]:
 
 def _winners(tree: xr.DataTree) -> list[Verdict]:
     data, texts = tree["winner"].dataset, []
-    for quantity, best in _BEST.items():
+    for quantity, best in QUANTITIES.items():
         row = data.sel(quantity=quantity)
         winner, leaders = str(row["winner"].item()), row["run"].values[row["not_worse"].values].tolist()
         if not winner:
             continue
         if winner == TIE:
-            texts.append(f"{_TITLES[quantity]}: {words(leaders)} tie within the Monte Carlo error.{_where(tree, quantity)}")
+            texts.append(f"The {best}: {words(leaders)} tie within the Monte Carlo error.{_where(tree, quantity)}")
         else:
-            texts.append(f"{winner} {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
+            texts.append(f"{winner} has the {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
     nobody = "No winner: fewer than two runs have figures that can be compared."
     return [Verdict(INFO, text) for text in texts or [nobody]]
 
@@ -136,7 +128,7 @@ def _where(tree: xr.DataTree, quantity: str) -> str:
         return " No run wins a coordinate."
     if TIE in counts:
         parts.append(f"{counts[TIE]} {'are ties' if counts[TIE] > 1 else 'is a tie'}")
-    return f" Of {total} coordinates, {words(parts)}."
+    return f" By coordinate ({total}): {words(parts)}."
 
 
 def _coverage(tree: xr.DataTree) -> list[Verdict]:
@@ -157,10 +149,8 @@ def _agreement(tree: xr.DataTree) -> Findings:
     figures = tree["figures"].dataset
     found = []
     for name, rhat in zip(figures["run"].values, figures["rhat"].values, strict=True):
-        known = rhat[np.isfinite(rhat)]
-        share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
-        if share > RHAT_SHARE:
-            found.append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
+        if disagreement(rhat) > RHAT_SHARE:
+            found.append(f"{name} ({100 * disagreement(rhat):.0f} %, largest {np.nanmax(rhat):.2f})")
     start = f"Chains disagree and ESS is imprecise; share of frames and coordinates with R-hat above {RHAT_HIGH}"
     if found:
         yield Verdict(WARNING, f"{start}: {words(found)}.")

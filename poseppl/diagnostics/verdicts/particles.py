@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import told
+from poseppl.diagnostics.efficiency import ESS_LOW
+from poseppl.diagnostics.selection import provenance_table
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR,
-    ESS_LOW,
     WARNING,
     Findings,
     Remedy,
@@ -34,7 +34,7 @@ def mode_seeking(tree: xr.DataTree) -> Findings:
         yield from [] if is_weighted(tree) else [not_run()]
         return
     target = (Remedy("use {}", "target", "posterior", setting=True),)
-    others = target if "target" in told(tree, "settings") else suited_filter(tree)
+    others = target if "target" in provenance_table(tree, "settings") else suited_filter(tree)
     text = "The filter seeks a mode and does not sample the posterior: its standard deviations and intervals mean nothing"
     yield Verdict(ERROR, f"{text}. For these," if others else f"{text}.", others)
 

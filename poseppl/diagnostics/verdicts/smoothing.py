@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.approximation import approximation_figures
 from poseppl.diagnostics.batches import Interval
 from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.smoothing import RESIDUAL_HIGH, STEPS_HIGH, exceeds, smoothing_figures
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, not_run
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Remedy, Verdict, not_run
 from poseppl.runs.results import provenance
 
 STEPS_LOW = 0.5
@@ -17,12 +18,16 @@ APART_HIGH = 0.4
 FAR = 1.0
 """From where smoothed means that lie too far are an error; nearer ones may be the filter's, or of wide intervals."""
 
+_NATS = 1.0
+"""Rise of the bound that is worth more steps."""
+
 
 def smoothing(tree: xr.DataTree) -> Findings:
     """Draws against the model, and moments against the filter's; nothing where the result is a filter's."""
     if "smoother" not in provenance(tree):
         yield not_run()
         return
+    yield from _approximation(tree)
     figures = smoothing_figures(tree)
     if not any(np.isfinite(figure.half_width) for figure in figures):
         yield not_run("no checks of the draws")
@@ -38,6 +43,22 @@ def smoothing(tree: xr.DataTree) -> Findings:
     apart, reach = figures.distance.estimate, figures.distance.half_width
     if np.isfinite(reach) and abs(apart) > max(APART_HIGH, reach):
         yield Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart, formulas=_of_formulas(tree)))
+
+
+def _approximation(tree: xr.DataTree) -> Findings:
+    """A fitted distribution that does not reach the posterior, or whose fit was not at its end."""
+    figures = approximation_figures(tree)
+    if figures is None:
+        return
+    if not figures.pareto_k <= figures.threshold:
+        far = f"Pareto k of the trajectories is {figures.pareto_k:.2g}, above {figures.threshold:.2g}"
+        text = (
+            f"{far}: the approximation of the smoother is far from the posterior. Do not rely on its intervals; check them with"
+        )
+        yield Verdict(WARNING if figures.pareto_k < 1 else ERROR, f"{text} the trajectory or the particle-gibbs smoother.")
+    if figures.rise > max(_NATS, 3 * figures.rise_error):
+        text = f"The bound of the evidence rose by {figures.rise:.2g} nats in the second half of the fit: it had not converged;"
+        yield Verdict(WARNING, text, (Remedy("increase {}", "num_steps", setting=True),))
 
 
 def _of_formulas(tree: xr.DataTree) -> bool:

@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats, Integers
-from poseppl.diagnostics.selection import told
+from poseppl.diagnostics.selection import provenance_table
 from poseppl.errors import Argument, Wording
 from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
@@ -27,7 +27,6 @@ ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
 
 NOT_RUN = "not run"
-ESS_LOW = 10.0
 MAX_RANGES = 6
 """Ranges of frames that are spelt out."""
 
@@ -137,9 +136,9 @@ def statistic(tree: xr.DataTree, name: str) -> Floats | None:
     return array_of(tree, "sample_stats", name)
 
 
-def settings_among(tree: xr.DataTree, *names: str, lower: str = "") -> tuple[Remedy, ...]:
-    """Settings to raise, and one to lower: those that the run's algorithm has, or all if they are unknown."""
-    settings = told(tree, "smoother settings" if "smoother" in provenance(tree) else "settings")
-    ways = {**({lower: "lower"} if lower else {}), **dict.fromkeys(names, "raise")}
+def settings_among(tree: xr.DataTree, *names: str, lower: Sequence[str] = ()) -> tuple[Remedy, ...]:
+    """Settings to raise, and others to lower: those that the run's algorithm has, or all if they are unknown."""
+    settings = provenance_table(tree, "smoother settings" if "smoother" in provenance(tree) else "settings")
+    ways = dict.fromkeys(lower, "lower") | dict.fromkeys(names, "raise")
     there = tuple(Remedy(f"{way} {{}}", name, setting=True) for name, way in ways.items() if name in settings)
     return there or tuple(Remedy(f"{way} {name}") for name, way in ways.items())

@@ -18,9 +18,9 @@ The argument `target` selects what it computes:
   towards the normalised likelihood, which the weights then square: a seeker of modes, not a sampler of the posterior.
   Directions that a frame's data do not constrain widen by a factor (1 + 2 lambda^2)^(1/2) a layer. If all likelihoods are
   equal, as in a frame without data, the particles stay as predicted.
-* "posterior", ours: the predictions, drawn from the transition, are resampled by their likelihoods, and the T layers leave
-  p(z | x) 1/N sum_j p(x | x_(k-1)^j) invariant, as in the HMC filter, at a cost of O(N^2). It converges to the posterior with
-  N; particles count alike, and X_k has the largest posterior density. Eq. 7 is left out, to keep the moves exact.
+* "posterior", not in the paper: the predictions, drawn from the transition, are resampled by their likelihoods. The T layers
+  leave p(z | x) 1/N sum_j p(x | x_(k-1)^j) invariant, as in the HMC filter, at a cost of O(N^2). It converges to the posterior
+  with N; particles count alike, and X_k has the largest posterior density. Eq. 7 is left out, to keep the moves exact.
 
 Copies have no differences to move by. If likelihoods are sharp relative to the prediction, the selection leaves few distinct
 particles, and a velocity that all share does not part them: on the 28-DOF body in one camera this loses track within a few
@@ -128,7 +128,7 @@ def demc_filter(
         num_particles: N, at least 1; differences need four or more.
         num_layers: T, updates of each particle in a frame.
         target: "likelihood", as published, or "posterior".
-        prediction: "transition", draws from the model, or "velocity", as published; "posterior" always takes the former.
+        prediction: "transition", draws from the model, or "velocity", as published; "posterior" always takes the transition.
         noise: c, half-width of the noise in units of sigma, in [0, 1).
         noise_follows: "survival" (Eq. 7), "degeneracy" (its inverse) or "nothing".
         noise_scale: sigma, the standard deviations of the "particles" or of a step of the "transition".

@@ -1,8 +1,8 @@
 """A body under observation: what the command line needs to know of a model, and no more.
 
-A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``, or as its package calls it in an entry
-point of the group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard
-subject, and returns a :class:`Body`.
+A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``, or by its name in an entry point of the
+group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard subject. It
+returns a :class:`Body`.
 
 To import is to run code. So :func:`body_builder` is for names that the user gives, and
 :func:`poseppl.motion.tracking.recorded_model.installed_builder` for names that are found in files.
@@ -47,8 +47,8 @@ class Body(NamedTuple):
         measure: Recorded marker positions by name, each (T, 3) mm, to ``lengths``.
         free: Names of the joints that are tracked, the rest being clamped to the truth; None tracks all.
         rest: State of the rest pose (d,): standing at the origin.
-        params: The programs' params. ``sigma_position`` (mm) and ``sigma_angle`` (radians), each a root of a second, are the
-            scales that ``step_scale`` of the inputs is made of; the command line may override them.
+        params: The programs' params. ``sigma_position`` (mm) and ``sigma_angle`` (radians), each per square root of a second,
+            are the scales that ``step_scale`` of the inputs is made of; the command line may override them.
         noise: Standard deviation of the image noise at focal length 1.
         flesh: The parts that its silhouette consists of; None for a body of points alone.
         segments: Joints by the segments of OpenSim's bodies that turn with them (:mod:`poseppl.motion.bodies.opensim`), where a
@@ -118,7 +118,7 @@ class Posture(NamedTuple):
 
     Attributes:
         mean: Angles (d,), radians.
-        kept: What is left of the distance from them (d,) from the frame before to this one; 1 for what walks.
+        kept: Share of the distance from them that remains from the previous frame (d,); 1 in a random walk.
     """
 
     mean: Any
@@ -130,7 +130,7 @@ class Velocities(NamedTuple):
 
     Attributes:
         scale: Their standard deviations (d,), mm and radians a second.
-        kept: What is left of them () from the frame before to this one.
+        kept: Share of them that remains from the previous frame ().
         step: Seconds () that each of both is gone along.
     """
 
@@ -145,7 +145,7 @@ class LastingErrors(NamedTuple):
     Attributes:
         shift_scale: Standard deviation () of a marker's place beside its joint, mm.
         shift_kept: a, what is left of it () from the frame before.
-        error_share: r^2 (), share of the errors that last in the variance.
+        error_share: r^2 (), share of the autocorrelated errors in the variance.
         error_kept: b, what is left of them () from the frame before.
         length_root: S, lower triangular (L, L), whose S S^T is the covariance of the lengths' errors, mm.
         per_length: How the tree's offsets change with each of L lengths, these with a leading L; None for exact lengths.
@@ -172,11 +172,11 @@ class BodyInputs(NamedTuple):
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
         tree: The person's own tree: offsets are arguments of the programs, so that all people share one compiled program.
-        activity: What a learned prior takes the random walk's place with.
+        activity: Programs of a learned prior in place of the random walk.
         seen: Contours and distance maps of the silhouettes, or what else is seen of pictures; None of points.
         flesh: The person's own, of pictures.
         errors: Those of points that last; None where each frame has its own.
-        posture: What the walk comes back to; None where all coordinates walk.
+        posture: Mean to which the walk reverts; None if all coordinates are random walks.
         velocities: Along which it goes; None where its steps are independent.
     """
 

@@ -1,16 +1,16 @@
 r"""A straight walk, laid along a circle on the floor.
 
-Each frame is moved as a whole: it is turned about the vertical and shifted, so that poses relative to the pelvis stay as they
-were recorded. With the walk's direction d, n at a right angle to the left of it, p(t) the pelvis on the floor and a(t) its
-progress along d, smoothed over a second so that the turn does not shake with the steps,
+Each frame is moved as a whole: it is turned about the vertical and shifted, so that poses relative to the pelvis do not change.
+Let d be the direction of the walk, n the direction at a right angle to its left, and p(t) the pelvis on the floor. Its progress
+along d, a(t), is smoothed over a second, so that the turn does not shake with the steps:
 
     q(t)  = mean of p + a(t) d                           the straight line,
     s(t)  = a(t) - a(0),    theta(t) = s(t) / R          arc length, and heading,
     q'(t) = q(0) + R sin theta d + R (1 - cos theta) n   the circle, to the left where R is positive,
     x'(t) = q'(t) + Turn(theta(t)) (x(t) - q(t))         every point x of the frame.
 
-What the pelvis sways to the side of the line is kept to the side of the circle. A foot on the floor turns with the body, as
-nobody's does: it slides as fast as the body turns times its distance from q.
+Sway of the pelvis to the side of the line becomes sway to the side of the circle. A foot on the floor turns with the body,
+which is not realistic: its sliding speed is the body's turning rate times its distance from q.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.motion import Motion
 
 MIN_RADIUS = 300.0
-"""Of a circle, mm."""
+"""Smallest radius of a circle, mm."""
 MIN_WAY = 500.0
-"""That a walk covers in its direction, mm."""
+"""Shortest distance that a walk covers in its direction, mm."""
 SMOOTHED = 1.0
 """Seconds over which progress is smoothed, about a cycle of a walk."""
 
@@ -40,7 +40,7 @@ class Bend(NamedTuple):
     Attributes:
         angles: Turn about the vertical, radians, counter-clockwise from above (T,).
         before: Points on the straight line (T, 2), mm.
-        after: Where these come to lie on the circle (T, 2), mm.
+        after: Their positions on the circle (T, 2), mm.
     """
 
     angles: Floats
@@ -78,7 +78,7 @@ def bend_along_circle(pelvis: Floats, rate: float, radius: float) -> Bend:
     Args:
         pelvis: Its places (T, 2) or (T, 3) in mm; NaN where unknown.
         rate: Frames a second.
-        radius: Of the circle, mm: positive turns left, negative right; infinite goes straight on.
+        radius: Radius of the circle, mm: positive turns left, negative right; infinite goes straight on.
 
     Returns:
         The moves; the first frame stays where it is.

@@ -29,8 +29,9 @@ from jax import Array
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.compilation import double_precision, jit
+from poseppl.compilation import double_precision
 from poseppl.motion.geometry import KinematicTree, marker_positions
+from poseppl.stored_programs import stored_jit
 
 ANGLE_PULL = 5.0
 """Weight (mm a radian) that holds angles to the frame before."""
@@ -86,30 +87,34 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
                 if _leaps(target[frame], target[frame - step]):
                     cut = _after_leap(tree, solve, target[frame], states[frame], rest)
                     states[frame] = _nearest_twin(tree, cut, previous)
-        positions = np.asarray(jit(jax.vmap(partial(marker_positions, _double(tree))))(states))
+        positions = np.asarray(_places(_double(tree), states))
     return states, np.linalg.norm(positions - target, axis=-1)
 
 
+@partial(stored_jit, lightly=False)
+def _places(tree: KinematicTree, states: Array) -> Array:
+    return jax.vmap(lambda state: marker_positions(tree, state))(states)
+
+
+def _offsets(x: Array, tree: KinematicTree, target: Array, seen: Array, anchor: Array, pull: Array) -> Array:
+    return jnp.concatenate([(seen * (marker_positions(tree, x) - target)).ravel(), pull * (x - anchor)])
+
+
+_residuals, _jacobian = (stored_jit(each, lightly=False) for each in (_offsets, jax.jacrev(_offsets)))
 Solver = Callable[[Floats, Floats, Floats, Floats], tuple[Floats, float]]
 
 
 def _solver(tree: KinematicTree) -> Solver:
-    """Compile the least-squares problem of one frame: (target, guess, anchor, pull) to (state, cost)."""
-    positions = partial(marker_positions, _double(tree))
-
-    @jit
-    def residuals(x: Array, target: Array, seen: Array, anchor: Array, pull: Array) -> Array:
-        return jnp.concatenate([(seen * (positions(x) - target)).ravel(), pull * (x - anchor)])
-
-    jacobian = jit(jax.jacrev(residuals))
+    """The least-squares problem of one frame: (target, guess, anchor, pull) to (state, cost)."""
+    double = _double(tree)
 
     def solve(target: Floats, guess: Floats, anchor: Floats, pull: Floats) -> tuple[Floats, float]:
         seen = np.isfinite(target).all(-1, keepdims=True)
-        arguments = (np.where(seen, target, 0.0), seen.astype(float), anchor, pull)
+        arguments = (double, np.where(seen, target, 0.0), seen.astype(float), anchor, pull)
         found = scipy.optimize.least_squares(
-            lambda x, *args: np.asarray(residuals(x, *args)),
+            lambda x, *args: np.asarray(_residuals(x, *args)),
             guess,
-            jac=lambda x, *args: np.asarray(jacobian(x, *args)),
+            jac=lambda x, *args: np.asarray(_jacobian(x, *args)),
             method="lm",
             x_scale=_scale(tree),
             ftol=1e-8,
@@ -169,7 +174,7 @@ def _near(state: Floats, other: Floats) -> Floats:
 
 
 def _nearest_twin(tree: KinematicTree, state: Floats, other: Floats) -> Floats:
-    """Of the angles that mean the same rotations take those nearest to another state's.
+    """Choose, among angles of the same rotations, those nearest to another state's.
 
     Turns z, y, x about the axes of a joint are the same rotation as z + pi, pi - y, x + pi.
     """

@@ -1,13 +1,13 @@
 """Joint angles as the full-body models of OpenSim have them (Rajagopal et al. 2016, doi:10.1109/TBME.2016.2586891).
 
-A body's joints have coordinates of their own; biomechanists' programs know those of OpenSim's models. Where a body says which
-of its joints turn OpenSim's segments (:attr:`~poseppl.motion.bodies.body.Body.segments`), the angles between two segments are
-taken apart as OpenSim composes them: about Z (right), then X (forward), then Y (up), each in the frame turned so far,
+A body's joints have coordinates of their own; programs for biomechanics use those of OpenSim's models. A body declares which of
+its joints turn OpenSim's segments (:attr:`~poseppl.motion.bodies.body.Body.segments`). The rotation between two segments is
+then decomposed as OpenSim composes it: about Z (right), then X (forward), then Y (up), each in the frame turned so far,
 
     R_above^T R_below = R_Z(a) R_X(b) R_Y(c),    b = asin R_32,  a = atan2(-R_12, R_22),  c = atan2(-R_31, R_33),
 
-and for the left side with the signs of the last two exchanged. The pelvis is relative to the ground, whose Y is up. Where
-b comes near to 90 degrees, as in an arm that points sideways, a and c are known by their sum alone, and have wide intervals.
+and for the left side with the signs of the last two exchanged. The pelvis is relative to the ground, whose Y is up. If b is
+near 90 degrees, as in an arm that points sideways, only the sum of a and c is determined, and both have wide intervals.
 
 Coordinates that OpenSim's models do not have keep their own names.
 """
@@ -33,9 +33,9 @@ class Rotations(NamedTuple):
     Attributes:
         above: The segment that they are relative to.
         below: The segment.
-        names: Coordinates, about Z, X and Y; a hinge has the first alone.
-        signs: Of each.
-        meanings: Of each, where it is positive.
+        names: Coordinates, about Z, X and Y; a hinge has the first alone, an ankle the first two.
+        signs: Sign of each.
+        meanings: Meaning of each, where it is positive.
     """
 
     above: str
@@ -60,6 +60,16 @@ def _sided(side: str) -> list[Rotations]:
         Rotations("pelvis", femur, hip, ball, tuple(turn.format(word, "thigh") for turn in turns)),
         Rotations(
             femur, f"tibia_{side}", (f"knee_angle_{side}",), (-1,), (f"flexion of the {word} knee, 0 where it is straight",)
+        ),
+        Rotations(
+            f"tibia_{side}",
+            f"calcn_{side}",
+            (f"ankle_angle_{side}", f"subtalar_angle_{side}"),
+            (1, mirror),
+            (
+                f"dorsiflexion of the {word} ankle, 0 where the sole is at a right angle to the shank",
+                f"inversion of the {word} foot: the sole turns towards the middle",
+            ),
         ),
         Rotations("torso", humerus, arm, ball, tuple(turn.format(word, "upper arm") for turn in turns)),
         Rotations(
@@ -110,7 +120,7 @@ class Coordinate(NamedTuple):
         name: Its name there.
         unit: "degrees" or "m".
         joints: Our joints that it is made of, the last the one that moves.
-        meaning: What it is, where it is positive.
+        meaning: Its meaning, where it is positive.
     """
 
     name: str
@@ -119,7 +129,7 @@ class Coordinate(NamedTuple):
     meaning: str
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """One line that says what it is."""
         return f"{self.name}: {self.meaning}; {self.unit}, from {' and '.join(self.joints)}"
 
@@ -128,12 +138,12 @@ def opensim_coordinates(body: Body) -> tuple[Coordinate, ...]:
     """The coordinates that :func:`opensim_values` gives of a body, in its order."""
     known = body.segments
     found = []
-    for each in _rotations(body):
+    for each in rotations_of(body):
         joints = tuple(known[segment] for segment in (each.above, each.below) if segment in known)
         found += [Coordinate(name, "degrees", joints, text) for name, text in zip(each.names, each.meanings, strict=True)]
     if "pelvis" in known:
         found += [Coordinate(name, "m", (known["pelvis"],), text) for name, text in PLACES.items()]
-    for index in _own(body):
+    for index in own_coordinates(body):
         joint, axis = body.tree.coordinates[index]
         unit = "m" if axis.startswith("t") else "degrees"
         text = "our own, place with Z up" if unit == "m" else f"our own, about the joint's {axis}"
@@ -146,31 +156,32 @@ def opensim_values(body: Body, states: Array) -> Array:
     tree = body.tree
     frames = frames_of(tree.with_offsets(tree.offsets[..., None], tree.marker_offsets[..., None]), states.T)
     turns, origins = jnp.moveaxis(frames.rotation, -1, 1), jnp.moveaxis(frames.origin, -1, 1)
-    link = {joint: max(i for i, j in enumerate(tree.link_joint) if tree.joint_names[j] == joint) for joint in tree.joint_names}
-    axes = {segment: turns[link[joint]] @ _OF_OURS for segment, joint in body.segments.items()}
+    link = tree.last_links
+    axes = {segment: turns[link[joint]] @ SEGMENT_AXES for segment, joint in body.segments.items()}
     axes[GROUND] = jnp.asarray(_GROUND_OF_WORLD.T)
     values = []
-    for each in _rotations(body):
+    for each in rotations_of(body):
         angles = _angles(jnp.swapaxes(axes[each.above], -1, -2) @ axes[each.below])
         values += [sign * angle for sign, angle in zip(each.signs, angles, strict=False)]
     columns = [jnp.rad2deg(value) for value in values]
     if "pelvis" in body.segments:
         place = origins[link[body.segments["pelvis"]]] @ _GROUND_OF_WORLD.T / 1000.0
         columns += list(place.T)
-    for index in _own(body):
+    for index in own_coordinates(body):
         columns.append(states[:, index] / 1000.0 if index < 3 else jnp.rad2deg(states[:, index]))
     return jnp.stack(columns, -1)
 
 
-def _rotations(body: Body) -> list[Rotations]:
+def rotations_of(body: Body) -> list[Rotations]:
+    """The angles of OpenSim's models that a body has."""
     known = {GROUND, *body.segments}
     return [each for each in ROTATIONS if {each.above, each.below} <= known]
 
 
-def _own(body: Body) -> list[int]:
+def own_coordinates(body: Body) -> list[int]:
     """Coordinates of the state that no angle between segments tells."""
-    told = {body.segments[each.below] for each in _rotations(body)}
-    return [i for i, (joint, _) in enumerate(body.tree.coordinates) if joint not in told]
+    free = {body.segments[each.below] for each in rotations_of(body)}
+    return [i for i, (joint, _) in enumerate(body.tree.coordinates) if joint not in free]
 
 
 def _angles(rotation: Array) -> tuple[Array, Array, Array]:
@@ -183,7 +194,7 @@ def _angles(rotation: Array) -> tuple[Array, Array, Array]:
     )
 
 
-_OF_OURS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+SEGMENT_AXES = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Columns: OpenSim's X (forward), Y (up) and Z (right) of a segment in our axes, x right, y forward, z up."""
 _GROUND_OF_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From our world, Z up, to OpenSim's ground, Y up."""
@@ -200,7 +211,7 @@ def circular_summary(degrees: np.ndarray, levels: tuple[float, ...]) -> tuple[np
 
     Args:
         degrees: (S, T, K) draws.
-        levels: Of the quantiles.
+        levels: Levels of the quantiles.
 
     Returns:
         (T, K), (T, K) and (levels, T, K), degrees; means go on from frame to frame without a jump of a turn.

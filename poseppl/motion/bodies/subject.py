@@ -27,8 +27,8 @@ class MovingSubject(NamedTuple):
         residual: Mean distance in mm between the markers and those of the states; None where the states are exact.
         frames: (T,) frame numbers.
         rate: Frames a second.
-        source: Where it came from.
-        notes: What the recording's reader assumed or found, a sentence each.
+        source: Source.
+        notes: Notes of the recording's reader, a sentence each.
     """
 
     body: Body
@@ -57,9 +57,8 @@ def match_markers(
         motion: T frames.
         names: The K markers.
         aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
-            missing where one of them is. Where no name of a marker is there as it is written, names are compared without
-            prefixes, case and punctuation (:mod:`poseppl.motion.io.name_matching`). One point is one marker, the first that
-            it fits.
+            missing where one of them is. If a recording has no name of a marker exactly, names are compared without prefixes,
+            case and punctuation (:mod:`poseppl.motion.io.name_matching`). One point is one marker, the first that it fits.
         given: For some markers the points whose mean they are, in place of the aliases.
 
     Returns:
@@ -93,7 +92,7 @@ def match_markers(
 
 
 def _first_alias(aliases: tuple[str, ...], names: tuple[str, ...], taken: set[str]) -> list[str]:
-    """The points of the first alias that a recording has: as it is written, or else folded, with or without a common prefix."""
+    """The points of the first alias that a recording has: exactly, or else folded, with or without a common prefix."""
     tables: list[tuple[dict[str, str], Callable[[str], str]]] = [({name: name for name in names}, str)]
     for bare in (map(without_namespace, names), without_prefixes(names)):
         plain = [folded(name) for name in bare]

@@ -1,4 +1,4 @@
-"""Keep what several computations share from being computed anew in each of them."""
+"""Keep what several computations share from being computed again in each of them."""
 
 from __future__ import annotations
 

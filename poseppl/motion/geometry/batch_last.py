@@ -1,8 +1,8 @@
 """Single-particle functions whose batched form keeps the batch in the last axis.
 
-``jax.vmap`` batches a function operation by operation, and concatenations, gathers and products of small matrices then move
-the batch axis to the front: every memory access of a 3x3 product becomes strided and nothing vectorises. Here the batched form
-is written by hand with the particles in the last axis, and ``jax.vmap`` is told to use it.
+``jax.vmap`` batches a function operation by operation. Concatenations, gathers and products of small matrices then move the
+batch axis to the front. Every memory access of a 3x3 product becomes strided, and nothing vectorises. Here the batched form is
+written by hand with the particles in the last axis, and a custom rule of ``jax.vmap`` uses it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
     """Make a single-particle function of one that is written for a batch in the last axis.
 
     Args:
-        function: Takes pytrees whose leaves have shape (..., N) or (..., 1), the latter shared by all particles, and returns a
+        function: Takes pytrees whose leaves have shape (..., N) or (..., 1), where 1 is shared by all particles. Returns a
             pytree with leaves (..., N).
         chunk: Larger batches are cut into pieces of so many particles, one after the other: where a function makes many numbers
             of each particle, those of a piece stay in the cache.

@@ -1,9 +1,9 @@
 """Calibrated perspective cameras with lens distortion, one or several, behind one interface.
 
-A world point p (mm) has camera coordinates ``R (p - centre)``, with the optical axis along the camera's z; the image point is
-``focal * distort(x / z, y / z) + principal``, in the camera's units: pixels for a calibrated one, and pure numbers for the
-camera of Choo and Fleet 2001 (Eq. 18), whose optical axis is the world's Y axis, image x along X and image y along Z.
-Distortion is one of :mod:`poseppl.motion.geometry.lenses`, as in OpenCV.
+A world point p (mm) has camera coordinates ``R (p - centre)``, with the optical axis along the camera's z. The image point is
+``focal * distort(x / z, y / z) + principal``, in the camera's units. These are pixels for a calibrated camera, and pure numbers
+for the camera of Choo and Fleet 2001 (Eq. 18). That camera has its optical axis along the world's Y axis, image x along X and
+image y along Z. Distortion is one of :mod:`poseppl.motion.geometry.lenses`, as in OpenCV.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How much of given image points a body covers: its silhouette, hard and smooth.
 
-The image of an elliptical truncated cone is the convex hull of the images of its two rings: the union of two ellipses and of
-the quadrilateral between the two straight edges that touch both (:func:`poseppl.motion.geometry.outlines.limb_corners`). The
-image of a ring with centre c and half-axes a and b, all in the camera's frame, has the dual conic (a ball has a third
+The image of an elliptical truncated cone is the convex hull of the images of its two rings. This is the union of two ellipses
+and of the quadrilateral between the two straight edges that touch both (:func:`poseppl.motion.geometry.outlines.limb_corners`).
+The image of a ring with centre c and half-axes a and b, all in the camera's frame, has the dual conic (a ball has a third
 half-axis)
 
     c c' - a a' - b b',
@@ -15,9 +15,9 @@ inside; that of a part is the least of them, and a point is covered by the body 
 which tends to the hard one as the softness goes to zero, and never has a zero gradient. Distances are exact beside the straight
 edges, and to first order at the ellipses.
 
-The silhouette of a pinhole camera is exact for eyes outside, but that rings seen from their side are drawn half a pixel thick.
-It gets worse with lens distortion, which bends the edges and is taken to be linear over a ring, and where a ring comes so near
-that it reaches the plane of the camera. A body whose balls differ in radius lacks a sliver beside the edges. Points behind
+A pinhole camera outside the body has an exact silhouette, except that rings seen from their side are drawn half a pixel thick.
+Lens distortion adds errors: it bends the edges and is taken to be linear over a ring. So does a ring so near that it reaches
+the plane of the camera. A body whose balls differ in radius lacks a sliver beside the edges. Points behind
 other parts count as covered alike: silhouettes know no depth.
 """
 
@@ -49,7 +49,7 @@ class Shapes(NamedTuple):
     Attributes:
         normals: Outward unit normals of the quadrilaterals' sides (C, P, 4, 2, N).
         offsets: Their distances from the origin (C, P, 4, N): a point u is inside where normal . u < offset for all four.
-        centres: Of the rings' ellipses (C, P, 2, 2, N), px.
+        centres: Centres of the rings' ellipses (C, P, 2, 2, N), px.
         inverses: Entries xx, xy, yy of their inverse squared half-axes (C, P, 2, 3, N).
     """
 
@@ -125,7 +125,7 @@ def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[Array, ...
     Args:
         spread: Cameras whose matrix axes come first, (..., C, 1, 1, N).
         flesh: Sizes of the parts.
-        parts: Where they are.
+        parts: Their positions and axes.
 
     Returns:
         Five arrays (C, P, 2, N).

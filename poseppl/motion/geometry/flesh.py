@@ -34,7 +34,7 @@ class Cone(NamedTuple):
     """An elliptical truncated cone.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         joint: The joint in whose frame it is fixed.
         length: From base to tip, mm; a negative one runs against its own z.
         radii: At the base and at the tip, mm.
@@ -74,7 +74,7 @@ class Flesh:
         scales: Factors along x and y (P, 2).
         balls: 1 where the ends are balls, 0 where they are flat (P,).
         links: The link of each part.
-        names: Of the parts.
+        names: Names of the parts.
     """
 
     rotations: Array

@@ -1,7 +1,7 @@
 """On which side a hinge is bent: a limb that turns by half a turn about its first bone, and bends the other way, stays there.
 
-Nothing that is seen of its joints tells these two poses of a limb apart, and a pose without joint limits may be either, or
-change from one to the other where the limb is straight. People have that in which the limb is bent to its side at rest.
+The joints of both poses of a limb look the same. A pose without joint limits may be either, or change from one to the other
+where the limb is straight. People have the pose whose limb bends to the same side as at rest.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights
 
     Args:
         tree: Its limbs (:func:`poseppl.motion.geometry.kinematic_jumps.limbs_of`) are concerned.
-        rest: The rest pose (d,), radians; a hinge that is straight there has no side, and stays as it is.
+        rest: The rest pose (d,), radians; a hinge that is straight there has no side, and is left unchanged.
         states: Draws (T, N, d).
-        log_weights: Of the draws (T, N): angles of a ball joint are those nearest to the weighted mean of the frame before.
+        log_weights: Log-weights of the draws (T, N). Angles of a ball joint are those nearest to the weighted mean of the
+        frame before.
     """
     limbs = [limb for limb in limbs_of(tree) if limb.hinge is not None]
     last = jax.tree.map(lambda leaf: leaf[..., None], tree)

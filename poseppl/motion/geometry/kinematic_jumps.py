@@ -1,15 +1,15 @@
 r"""Kinematic jumps: other poses of the limbs that look the same to a camera.
 
-A limb of two bones, from a ball joint at a over a hinge at b to an end at c, looks the same whether each bone leans towards the
-camera or away (Sminchisescu and Triggs 2001, section 1.2, and 2003, doi:10.1109/CVPR.2003.1211339): b may be where its line of
-sight meets the sphere around a of the bone's length, and c likewise around b. With the line from the camera's centre o in the
-direction u through the point b, the other point is
+A limb has two bones, from a ball joint at a over a hinge at b to an end at c. It looks the same whether each bone leans towards
+the camera or away (Sminchisescu and Triggs 2001, section 1.2, and 2003, doi:10.1109/CVPR.2003.1211339). The line of sight of b
+meets the sphere around a, with the bone's length as radius, in two points; so does that of c around b. With the line from the
+camera's centre o in the direction u through the point b, the other point is
 
     b' = o + (2 u . (a - o) - |b - o|) u,
 
-for a distant camera b mirrored about the image plane through a. The hinge's angle follows from the distance of a and c, of
-whose two solutions that is kept which bends it to the side that it was bent to, and the ball's rotation from the triangle a, b,
-c. Each such limb has three poses beside its own; one of a single bone, such as a head, has one, by the shortest turn. A line of
+for a distant camera b mirrored about the image plane through a. The hinge's angle follows from the distance of a and c:
+of the two solutions, the one on the hinge's former side. The ball's rotation follows from the triangle a, b, c. Each such
+limb has three poses beside its own; one of a single bone, such as a head, has one, by the shortest turn. A line of
 sight that misses a sphere leaves the bone pointing to the point of the sphere that is nearest to it.
 """
 

@@ -1,16 +1,16 @@
 """Forward kinematics with its gradient by the geometric Jacobian.
 
-:func:`marker_positions` gives the markers of one state; under ``jax.vmap`` it runs with the batch in the last axis, and its
-gradient is not found by differentiating through the chain of rotations but from the wrench that acts on each subtree: a
-rotation about the world axis a through the pivot o moves a marker p by ``a x (p - o)``, so that with forces f on the markers
+:func:`marker_positions` gives the markers of one state; under ``jax.vmap`` it runs with the batch in the last axis. Its
+gradient comes from the wrench that acts on each subtree, not from differentiation through the chain of rotations. A rotation
+about the world axis a through the pivot o moves a marker p by ``a x (p - o)``, so that with forces f on the markers
 
     d L / d angle = a . (sum of p x f - o x sum of f),
 
 summed over the markers that the joint moves. Links are evaluated a depth at a time, all links of one depth together, so that a
 body needs a dozen array operations and not hundreds of scalar ones.
 
-:func:`unrolled_forward_kinematics` is the same recursion written scalar by scalar, for evaluations without a gradient: the
-compiler then fuses a whole likelihood into one loop over particles and nothing is written to memory.
+:func:`unrolled_forward_kinematics` is the same recursion written scalar by scalar, for evaluations without a gradient. The
+compiler then fuses a whole likelihood into one loop over particles, and writes nothing to memory.
 """
 
 from __future__ import annotations

@@ -22,13 +22,13 @@ import numpy as np
 from poseppl.arrays import Floats
 
 _SMALL = 1e-8
-"""Of the squared distance from the axis; there an angle is its tangent to all digits of float32."""
+"""Squared distance from the axis below which an angle equals its tangent in float32."""
 _ROUNDS = 30
 _CLOSE = 1e-10
 
 
 def distort(coefficients: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    """Where a lens puts points of the plane at depth 1; arrays of JAX.
+    """Distort points of the plane at depth 1 as a lens does; arrays of JAX.
 
     Args:
         coefficients: (5, ...), (8, ...) or (9, ...), see above.
@@ -104,7 +104,7 @@ def undistort(coefficients: Floats, plane: Floats) -> Floats:
                 break
         bent = np.stack(_brown(np.array([k1, k2, p1, p2, k3, k4, k5, k6]), u, v), -1)
         found = np.stack([u, v], -1)
-        # Where the model folds the plane over, Newton may end at a point beyond the fold.
+        # Newton may end beyond a fold, where the model folds the plane over.
         right = (np.abs(bent - seen).max(-1) <= _CLOSE * (1 + np.abs(seen).max(-1))) & (determinant > 0) & (radial > 0)
     return np.asarray(np.where(right[..., None], found, np.nan))
 

@@ -1,13 +1,13 @@
 """Outlines of cones in images: the quadrilateral between the two occluding edges of each part, in each camera.
 
 Seen from an eye, a long truncated cone is bounded by two straight edges. They leave its rings near the points where the
-direction u across the axis is at right angles to the view: with r from the eye to the middle of the axis, in the part's
+direction u across the axis is at right angles to the view. With r from the eye to the middle of the axis, in the part's
 coordinates divided by the factors of its radii,
 
     u = (-r_y, r_x) / |(r_x, r_y)|,    corners: base -+ radius_base u,  tip -+ radius_tip u,
 
-exact for a cylinder far away (:func:`outline_corners`). Exactly, an edge of a pinhole's image is that of a plane through the
-eye that touches the cone: with o the eye and R(z) the radius at height z in the same coordinates, it touches along the
+exact for a cylinder far away (:func:`outline_corners`). An edge in the image of a pinhole is exactly that of a plane through
+the eye that touches the cone. With o the eye and R(z) the radius at height z in the same coordinates, it touches along the
 direction n with
 
     n . (o_x, o_y) = R(o_z),    corners: base + radius_base n,  tip + radius_tip n
@@ -36,7 +36,7 @@ def outline_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Array:
     Args:
         cameras: C cameras, leaves (C, ..., N or 1).
         flesh: Sizes of the parts, leaves (P, ..., N or 1).
-        parts: Where they are, leaves (P, ..., N).
+        parts: Their positions and axes, leaves (P, ..., N).
 
     Returns:
         Image points (C, P, 4, 2, N), in the cameras' image units.

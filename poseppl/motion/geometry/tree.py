@@ -74,6 +74,11 @@ class KinematicTree:
         return tuple(f"{joint}.{axis}" for joint, axis in self.coordinates)
 
     @property
+    def last_links(self) -> dict[str, int]:
+        """The link that each joint's own frame is, after all of its turns."""
+        return {self.joint_names[joint]: link for link, joint in enumerate(self.link_joint)}
+
+    @property
     def ancestors(self) -> np.ndarray:
         """Which links lie on the path from the root to each link, itself included: 0/1, shape (links, links)."""
         table = np.eye(len(self.parents))

@@ -107,7 +107,7 @@ def _read_channels(path: FilePath, skeleton: Skeleton) -> dict[str, Floats]:
         if words[0] in rows:
             rows[words[0]].extend(parse_numbers(words[1:], at.in_field(words[0])))
     if first is None:
-        raise Location(path).error("the file holds no frame", "an Acclaim motion (.amc)")
+        raise Location(path).error("the file has no frame", "an Acclaim motion (.amc)")
     _check_complete(at, frame, moving, seen)
     return {name: np.array(values).reshape(-1, len(bones[name].dof)) for name, values in rows.items()}
 

@@ -119,7 +119,7 @@ def _need(path: FilePath, sections: dict[str, _Lines], name: str) -> _Lines:
 
 
 def _fields(lines: _Lines, name: str = "") -> dict[str, Line]:
-    """What follows the first word of each line, by that word."""
+    """The rest of each line after its first word, by that word."""
     return {words[0]: (at.in_field(f"{name} {words[0]}".strip()), words[1:]) for at, words in lines}
 
 

@@ -45,12 +45,12 @@ class _Joint:
     columns: dict[str, int] = field(default_factory=dict)
 
     def positions(self, values: Floats) -> Floats | None:
-        """Of its position channels, (T, 3); None where it has none."""
+        """Values of its position channels, (T, 3); None if it has none."""
         columns = [self.columns[name] for name in ("Xposition", "Yposition", "Zposition") if name in self.columns]
         return values[:, columns] if columns else None
 
     def rotations(self, values: Floats) -> Rotation:
-        """Of its rotation channels, T."""
+        """Rotations of its rotation channels, T."""
         columns = {name[0]: column for name, column in self.columns.items() if name.endswith("rotation")}
         if not columns:
             return Rotation.identity(len(values))
@@ -132,7 +132,7 @@ def _read_hierarchy(path: FilePath, lines: Iterator[Line]) -> list[_Joint]:
 
 def _joint(at: Location, key: str, rest: list[str], joints: list[_Joint], opened: list[int]) -> _Joint:
     if (key == "ROOT") != (not joints) or (joints and not opened):
-        raise at.in_field(key).error("a joint beside the root", "one ROOT, which holds each JOINT and End Site")
+        raise at.in_field(key).error("a joint beside the root", "one ROOT, which contains each JOINT and End Site")
     if len(joints) == MAX_JOINTS:
         raise at.error(f"more than {MAX_JOINTS} joints")
     end, parent = key == "End", opened[-1] if opened else -1
@@ -182,7 +182,7 @@ def _read_motion(path: FilePath, lines: Iterator[Line], joints: list[_Joint]) ->
     names = {column: f"{joint.name} {name}" for joint in joints for name, column in joint.columns.items()}
     values = number_rows(lines, [names[column] for column in sorted(names)], MAX_POINTS // len(joints) * len(names))
     if len(values) != int(frames[1]) or not len(values):
-        raise Location(path).error(f"{len(values)} frames; is the file truncated?", f"{frames[1]}, as Frames: says")
+        raise Location(path).error(f"{len(values)} frames; is the file truncated?", f"{frames[1]}, as in Frames:")
     whole = round(1 / seconds)  # most files have six digits of the time: 0.033333 for 30 frames a second
     rate = float(whole) if whole and abs(1 / whole - seconds) < 1e-4 * seconds else 1 / seconds
     return values, rate

@@ -1,8 +1,8 @@
 """Marker trajectories of optical motion capture (C3D).
 
-Only real markers are kept. Left out: the channels that POINT:ANGLES, FORCES, MOMENTS, POWERS and the like name, unlabelled
-trajectories ("*12"), the segment frames that Plug-in Gait stores as four points each (LFEO, LFEA, LFEL, LFEP) and its centre of
-mass, and points that no frame shows.
+Only real markers are kept. The reader leaves out the channels that POINT:ANGLES, FORCES, MOMENTS, POWERS and the like list,
+unlabelled trajectories ("*12"), and points without data in any frame. It also leaves out the segment frames that Plug-in Gait
+stores as four points each (LFEO, LFEA, LFEL, LFEP), and its centre of mass.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
     names = tuple(labels[index] for index in kept)
     at_labels = at.in_field("POINT:LABELS")
     if not names:
-        raise at_labels.error("the file holds no marker")
+        raise at_labels.error("the file has no marker")
     check_distinct(names, "markers", at_labels)
     markers = _clean(at, positions[:, kept])
     stated = None if up else _stated_up(at, layout.parameters)

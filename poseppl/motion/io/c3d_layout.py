@@ -102,7 +102,7 @@ def read_layout(path: FilePath) -> Layout:
         path: The .c3d file, of Intel, DEC or MIPS byte order.
 
     Returns:
-        What it holds.
+        Its content.
 
     Raises:
         InputError: The file is no C3D, is truncated, contradicts itself or uses a part of the format that is not supported.
@@ -118,7 +118,7 @@ def read_layout(path: FilePath) -> Layout:
         raise at.in_field("processor").error(f"byte order {processor}", "84 (Intel), 85 (DEC) or 86 (MIPS)")
     end = start + blocks * BLOCK
     if blocks == 0 or end > len(data):
-        raise at.in_field("parameters").error(f"{blocks} parameter blocks", "as many as the file holds")
+        raise at.in_field("parameters").error(f"{blocks} parameter blocks", "as many as the file has")
     parameters = _parameters(at, data[start + 4 : end], processor)
     words = tuple(map(int, whole_numbers(data[:20], processor)))
     points = parameters.integer("POINT:USED")

@@ -14,7 +14,7 @@ from poseppl.files.atomic_writing import atomic_path
 from poseppl.motion.io.motion import Motion
 
 MAX_POINTS, MAX_FRAMES = 255, 65_535
-"""What the format's header counts, with one parameter of names."""
+"""Largest number that the format's header can store, with one parameter of names."""
 LEVELS = 250
 """A residual is a byte, in units of the file's own: the largest one has this many."""
 

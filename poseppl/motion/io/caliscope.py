@@ -64,7 +64,7 @@ def read_caliscope_points(path: FilePath) -> dict[str, DetectedPeople]:
     columns = _columns(at, header)
     rows = [_point(here, {field: row[column] for field, column in columns.items()}) for here, row in lines]
     if not rows:
-        raise Location(path).error("the file holds no point", "at least one row after the header")
+        raise Location(path).error("the file has no point", "at least one row after the header")
     cameras: dict[str, list[_Point]] = {}
     for row in rows:
         cameras.setdefault(row.camera, []).append(row)

@@ -16,7 +16,7 @@ MAX_CAMERAS = 1000
 
 
 Field = tuple[Location, Any]
-"""Where a field stands, and what it holds."""
+"""Position of a field, and its value."""
 
 
 class CameraRecord(NamedTuple):
@@ -46,7 +46,7 @@ class Calibration(NamedTuple):
 
     Attributes:
         cameras: The cameras; where the unit is unknown, its lengths are taken for metres.
-        unit: What a unit of the file is; None where the file does not tell.
+        unit: Length of a unit of the file; None if the file does not state it.
         up: The axis of the file that points up, if the user chose it: Z is up in ``cameras`` then.
     """
 

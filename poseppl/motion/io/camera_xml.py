@@ -15,7 +15,7 @@ class NumberAttributes:
 
     Args:
         element: The element; None where it is missing.
-        at: Where it stands.
+        at: Position.
 
     Raises:
         InputError: The element is missing.

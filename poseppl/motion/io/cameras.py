@@ -12,11 +12,11 @@ Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation
     rotation = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     translation = [0.0, 1000.0, 5000.0]
 
-Read besides: XML of Qualisys, Vicon (.xcp) and OptiTrack (.mcal) (:mod:`~poseppl.motion.io.cameras_qualisys`,
+Other formats are XML of Qualisys, Vicon (.xcp) and OptiTrack (.mcal) (:mod:`~poseppl.motion.io.cameras_qualisys`,
 :mod:`~poseppl.motion.io.cameras_vicon`, :mod:`~poseppl.motion.io.cameras_optitrack`), OpenCV's YAML and EasyMocap's pair of
-files (:mod:`~poseppl.motion.io.cameras_yaml`), OpenCap's pickles (:mod:`~poseppl.motion.io.cameras_opencap`), and as TOML the
-tables that anipose and Pose2Sim write, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a rotation vector,
-and those of Caliscope, ``[cameras.0]``, whose ``rotation`` may be a matrix, both in metres unless ``units`` says
+files (:mod:`~poseppl.motion.io.cameras_yaml`), and OpenCap's pickles (:mod:`~poseppl.motion.io.cameras_opencap`). TOML may have
+the tables of anipose and Pose2Sim, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a rotation vector. It may
+also have those of Caliscope, ``[cameras.0]``, whose ``rotation`` may be a matrix. Both are in metres unless ``units`` says
 otherwise. Distortion coefficients are those of OpenCV, see :class:`~poseppl.motion.io.camera_fields.CameraRecord`.
 """
 
@@ -97,7 +97,7 @@ def read_calibration(path: FilePath, unit: str | None = None, up: str | None = N
 
     Args:
         path: The file, or a folder with one of each camera.
-        unit: Of the file's lengths: mm, cm, m, or how many mm; what the file says if None.
+        unit: Unit of the file's lengths: mm, cm, m, or a number of mm; None takes the unit that the file states.
         up: The axis of the file that points up, x, y, z, -x, -y or -z; the cameras are turned so that Z is. Unknown if None.
 
     Raises:

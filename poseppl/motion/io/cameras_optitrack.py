@@ -31,7 +31,7 @@ def optitrack_cameras(root: ElementTree.Element, at: Location) -> tuple[CameraRe
     """
     elements = [element for element in root.iter("Camera") if element.find("Extrinsic") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
-        raise at.error("the file holds no calibrated camera", "elements <Camera> with <Extrinsic>")
+        raise at.error("the file has no calibrated camera", "elements <Camera> with <Extrinsic>")
     cameras = tuple(_camera(element, index, at) for index, element in enumerate(elements))
     check_distinct([camera.name for camera in cameras], "cameras", at.in_field("Serial"))
     return cameras

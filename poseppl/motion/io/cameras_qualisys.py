@@ -31,7 +31,7 @@ def qualisys_cameras(root: ElementTree.Element, at: Location) -> tuple[CameraRec
     """
     elements = [element for element in root.iter("camera") if element.find("intrinsic") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
-        raise at.error("the file holds no camera", "elements <camera> with <transform> and <intrinsic>")
+        raise at.error("the file has no camera", "elements <camera> with <transform> and <intrinsic>")
     cameras = tuple(_camera(element, index, at) for index, element in enumerate(elements))
     check_distinct([camera.name for camera in cameras], "cameras", at.in_field("serial"))
     return cameras

@@ -28,7 +28,7 @@ def read_toml_cameras(path: FilePath) -> Calibration:
     ours = document.get("camera")
     prefix, tables = _tables(document)
     if not tables or len(tables) > MAX_CAMERAS:
-        raise at.error("the file holds no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
+        raise at.error("the file has no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
     unit = _unit(document, "mm" if ours is not None else "m" if prefix == "cameras." else None)
     scale = mm_per_unit(unit or "m", at.in_field("units"))
     cameras = tuple(
@@ -44,7 +44,7 @@ def _tables(document: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
         group = document.get(key)
         if group is not None and not (isinstance(group, dict) and "matrix" in group):
             known = group if isinstance(group, dict) else {}
-            # Caliscope keeps those that it was told to leave out, without a place.
+            # Caliscope keeps excluded cameras, without a pose.
             return f"{key}.", known if key == "camera" else {
                 name: table for name, table in known.items() if not _ignored(table)
             }

@@ -38,7 +38,7 @@ def vicon_cameras(root: ElementTree.Element, at: Location) -> tuple[CameraRecord
     """
     elements = [element for element in root.iter("Camera") if element.find("KeyFrames/KeyFrame") is not None]
     if not elements or len(elements) > MAX_CAMERAS:
-        raise at.error("the file holds no calibrated camera", "elements <Camera> with a <KeyFrame>")
+        raise at.error("the file has no calibrated camera", "elements <Camera> with a <KeyFrame>")
     cameras = tuple(_camera(element, index, at) for index, element in enumerate(elements))
     check_distinct([camera.name for camera in cameras], "cameras", at.in_field("DEVICEID"))
     return cameras

@@ -66,14 +66,14 @@ def read_opencv_camera(path: FilePath) -> CameraRecord:
     fields, at = read_opencv_yaml(path), Location(path)
     matrix = _first(fields, _MATRIX, at)
     width, height = (_first(fields, names, at, None)[1] for names in (_WIDTH, _HEIGHT))
-    told = at.in_field("image_size"), fields.get("image_size")
+    stated = at.in_field("image_size"), fields.get("image_size")
     return camera_of_fields(
         Path(path).stem,
         matrix=matrix,
         distortion=_first(fields, _DISTORTION, at, []),
         rotation=_first(fields, _ROTATION, at),
         translation=_first(fields, _TRANSLATION, at),
-        size=_size(matrix, width, height) if told[1] is None or None not in (width, height) else told,
+        size=_size(matrix, width, height) if stated[1] is None or None not in (width, height) else stated,
         fisheye=fields.get("fisheye", fields.get("model")) in (1, "true", "fisheye", "True"),
     )
 

@@ -39,7 +39,7 @@ class PointColumns(NamedTuple):
         individuals: P names; () where the file names none.
         names: K names of points.
         columns: Numbers of columns.
-        places: Of each of these columns, the individual, the point, and 0, 1 or 2 for x, y, likelihood.
+        places: For each of these columns, the individual, the point, and 0, 1 or 2 for x, y, likelihood.
         graded: Whether there are likelihoods.
     """
 
@@ -96,7 +96,7 @@ def people_of_rows(
 
     Args:
         columns: Its columns.
-        rows: Where each stands, the last word of its index, and the values of the columns.
+        rows: For each row its position, the last word of its index, and the values of the columns.
         at: The file, for messages.
 
     Raises:
@@ -117,7 +117,7 @@ def point_columns(header: Mapping[str, Sequence[str]], at: Location) -> PointCol
 
     Args:
         header: The words of each column by level: "bodyparts", "coords", and "individuals" where there are several.
-        at: Where it stands, for the message.
+        at: Position, for the message.
 
     Raises:
         InputError: A point has no x or no y, or one twice.

@@ -20,7 +20,7 @@ from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
 MAX_FRAMES = 1_000_000
 MAX_PEOPLE = 100
 MAX_POINTS = 1_000
-"""Of one person."""
+"""Largest number of points of one person."""
 MAX_VALUES = 40_000_000
 """Numbers in a camera's table: frames x people x points x 3."""
 FAR_OUTSIDE = 1.0
@@ -28,7 +28,7 @@ FAR_OUTSIDE = 1.0
 
 
 class DetectedPeople(NamedTuple):
-    """What a detector found in one camera's pictures.
+    """Detections in one camera's pictures.
 
     Attributes:
         points: (T, P, K, 2) pixels; P is the largest number of people in a frame; NaN where a point was not found.
@@ -39,7 +39,7 @@ class DetectedPeople(NamedTuple):
         names: K names of the points.
         individuals: P names, where the detector says who is who in all frames; () where P is an order within a frame alone.
         times: (T,) seconds, NaN where unknown; None where the file has none.
-        notes: What the reader left out, a sentence each.
+        notes: Omissions of the reader, a sentence each.
     """
 
     points: Floats
@@ -76,7 +76,7 @@ def detected_people(
         InputError: There is no frame or nobody in any, too many of something, a number is too large, or a name comes twice.
     """
     if not people:
-        raise at.error("the file holds no frame", "at least one")
+        raise at.error("the file has no frame", "at least one")
     first, last = min(people), max(people)
     count = max(map(len, people.values()))
     if last - first >= MAX_FRAMES:

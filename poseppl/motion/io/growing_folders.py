@@ -29,11 +29,11 @@ _LAST_NUMBER = re.compile(r"([0-9]+)[^0-9]*[.]json$")
 
 
 class KeypointFrame(NamedTuple):
-    """What the cameras found in one frame.
+    """Detections of the cameras in one frame.
 
     Attributes:
-        number: Of the frame.
-        people: Of each camera the people, each (K, 3): x, y, confidence; None where it has no file, or one that cannot be read.
+        number: Number of the frame.
+        people: For each camera the people, each (K, 3): x, y, confidence; None if it has no readable file.
         since: When the last of the files was there, by :func:`time.monotonic`.
     """
 
@@ -125,11 +125,11 @@ class GrowingFolders:
 
     Args:
         folders: By the names of the cameras.
-        detector: What writes them, openpose or mmpose; found from their content if None.
+        detector: Program that writes them, openpose or mmpose; detected from their content if None.
         wait: Seconds that a camera may be later than the first one.
         idle: Seconds without a new frame after which there are no more; a camera that has none at all is waited for half as
             long.
-        note: Who is told of what is missing.
+        note: Receives a message about what is missing.
 
     Raises:
         InputError: A folder is missing.
@@ -177,7 +177,7 @@ class GrowingFolders:
             if not folder.path.is_dir():
                 self._note(f"{folder.name}: {folder.path} is gone")
             elif self._next is not None and folder.last < self._next <= last:
-                self._note(f"{folder.name}: no file from frame {self._next} on; others have it, but too few to tell places")
+                self._note(f"{folder.name}: no file from frame {self._next} on; too few other cameras have it for positions")
 
     def take(self, now: float) -> KeypointFrame | None:
         """The next frame; None where it cannot be taken yet.

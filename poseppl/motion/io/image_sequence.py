@@ -32,7 +32,7 @@ def images_in(source: FilePath, camera: str) -> list[Path]:
         kinds = sorted({path.suffix.lower() for path in paths})
         if len(kinds) > 1:
             expected = f"one kind; name it with a pattern, {Path(source) / ('*' + kinds[0])}"
-            raise at.error(f"the folder holds images of kinds {', '.join(kinds)}", expected)
+            raise at.error(f"the folder has images of kinds {', '.join(kinds)}", expected)
     else:
         paths = [Path(name) for name in glob.glob(str(source)) if Path(name).is_file()]
     if not paths:

@@ -1,4 +1,4 @@
-"""What several detectors' JSON files have in common: lists of numbers, people of frames, and frames in the names of files."""
+"""Common parts of several detectors' JSON files: lists of numbers, people of frames, frame numbers in file names."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def frame_number(value: object, at: Location) -> int:
             return int(found[-1])
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 10**12:
         return value
-    raise at.error(f"{brief(value)} tells no frame", "a whole number, or a file's name with one, such as img_0012.jpg")
+    raise at.error(f"{brief(value)} has no frame number", "a whole number, or a file's name with one, such as img_0012.jpg")
 
 
 class NumberedFiles(NamedTuple):
@@ -86,8 +86,8 @@ def numbered_files(folder: FilePath, expected: str, suffix: str = ".json") -> Nu
 
     Args:
         folder: The folder.
-        expected: What is expected there, for messages.
-        suffix: Of the files.
+        expected: Description of an expected value, for messages.
+        suffix: Suffix of the files.
 
     Raises:
         InputError: There is no such folder, none in it that holds anything, one without a number, or two of the same.
@@ -134,5 +134,5 @@ def same_points(
     found = detected_people(seen, [str(point) for point in range(counts[0])], at, times=times)
     if not empty:
         return found
-    told = f"{len(empty)} of {len(people)} files are empty, and nobody is seen in their frames: {some(map(str, empty))}"
-    return found._replace(notes=(told,))
+    note = f"{len(empty)} of {len(people)} files are empty, and nobody is seen in their frames: {some(map(str, empty))}"
+    return found._replace(notes=(note,))

@@ -1,6 +1,6 @@
 """Names of the points of people's detectors, by the number of the point in the detector's list.
 
-Where a body has a marker of the same name, the keypoint is of that marker. Names end in ``_l`` and ``_r`` for the person's left
+A keypoint belongs to the body's marker of the same name, if there is one. Names end in ``_l`` and ``_r`` for the person's left
 and right.
 """
 
@@ -12,8 +12,12 @@ from collections.abc import Mapping, Sequence
 from poseppl.motion.io.name_matching import without_prefixes
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-_MARKERS = frozenset({"neck", "pelvis", "skull", "crown", *(f"{limb}_{side}" for limb in _LIMBS for side in "lr")})
+_FOOT = ("big_toe", "small_toe", "heel")
+_SIDED = (*_LIMBS, *_FOOT, "eye", "ear")
+_MARKERS = frozenset({"neck", "pelvis", "skull", "crown", "nose", *(f"{part}_{side}" for part in _SIDED for side in "lr")})
 
+_TOES = {f"foot_index_{side}": f"big_toe_{side}" for side in "lr"}
+"""MediaPipe's tip of the foot."""
 _SYNONYMS = {"mid_hip": "pelvis", "midhip": "pelvis", "root": "pelvis", "head_top": "crown", "top_head": "crown"}
 
 
@@ -37,6 +41,7 @@ def markers_of_names(names: Sequence[str]) -> dict[str, int]:
     found: dict[str, int] = {}
     for number, name in enumerate(without_prefixes(names)):
         plain = plain_name(name)
+        plain = _TOES.get(plain, plain)
         if plain in _MARKERS:
             found.setdefault(plain, number)
     return found
@@ -50,7 +55,7 @@ def _side(side: str, *parts: str) -> str:
     return " ".join(f"{part}_{side}" for part in parts)
 
 
-_ARM, _LEG, _FOOT = _LIMBS[:3], _LIMBS[3:], ("big_toe", "small_toe", "heel")
+_ARM, _LEG = _LIMBS[:3], _LIMBS[3:]
 _COCO = f"nose {_pairs('eye', 'ear', *_LIMBS)}"
 _ARMS, _LEGS = (f"{_side('r', *limb)} {_side('l', *limb)}" for limb in (_ARM, _LEG))
 _FACE = "eye_r eye_l ear_r ear_l"
@@ -59,6 +64,7 @@ _FEET = f"{_side('l', *_FOOT)} {_side('r', *_FOOT)}"
 
 _TEXTS = {
     "coco17": _COCO,
+    "coco23": f"{_COCO} {_FEET}",
     "coco18": f"nose neck {_ARMS} {_LEGS} {_FACE}",
     "body25": f"nose neck {_ARMS} pelvis {_LEGS} {_FACE} {_FEET}",
     "body25b": f"{_COCO} skull crown {_FEET}",
@@ -68,4 +74,5 @@ _TEXTS = {
     ),
 }
 LAYOUTS: Mapping[str, tuple[str, ...]] = {name: tuple(text.split()) for name, text in _TEXTS.items()}
-"""MS COCO's 17 points; OpenPose's COCO, BODY_25 and BODY_25B; Halpe's 26, of AlphaPose and RTMPose; MediaPipe's 33."""
+"""MS COCO's 17 points, and 23 with COCO-WholeBody's feet; OpenPose's COCO, BODY_25 and BODY_25B; Halpe's 26, of AlphaPose and
+RTMPose; MediaPipe's 33."""

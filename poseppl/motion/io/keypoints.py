@@ -54,7 +54,7 @@ def read_keypoints(
 
     Args:
         path: The file or folder.
-        detector: What wrote it, a key of :data:`DETECTORS`; found from its content if None.
+        detector: Program that wrote it, a key of :data:`DETECTORS`; detected from its content if None.
         layout: Which points of people these are; found from them if None.
         size: Width and height of the pictures, for coordinates that are shares of them.
         camera: Which camera of a table or an array of all cameras is meant.
@@ -98,7 +98,7 @@ def read_frame(path: FilePath, detector: str | None = None) -> list[Floats]:
 
     Args:
         path: The file.
-        detector: What wrote it, openpose or mmpose; found from its content if None.
+        detector: Program that wrote it, openpose or mmpose; detected from its content if None.
 
     Raises:
         InputError: The file is missing or malformed, or not whole.
@@ -110,7 +110,7 @@ def read_frame(path: FilePath, detector: str | None = None) -> list[Floats]:
 
 
 def detector_of(path: FilePath) -> str:
-    """What wrote a file or a folder, a key of :data:`DETECTORS`, from its content.
+    """Detect the program that wrote a file or a folder, a key of :data:`DETECTORS`, from its content.
 
     Raises:
         InputError: It is missing, unreadable, or of no kind that is known.

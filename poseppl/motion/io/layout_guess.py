@@ -14,7 +14,7 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 _EYE, _NOSE, _TOE = 15, 0, 19
 _NEAR = 0.3
 """Point 15 is an eye if it is nearer to the nose than this share of the nose's distance from a toe."""
-_WHOLE_BODIES = {133: "coco17", 136: "halpe26"}
+_WHOLE_BODIES = {133: ("coco23", "coco17"), 136: ("halpe26",)}
 """Points of the whole body, of which the first ones are those of a layout: COCO-WholeBody, and Halpe's with hands and face."""
 
 
@@ -61,7 +61,7 @@ def with_layout(found: DetectedPeople, layout: str | None, at: Location, names: 
     """Name the points of a people's detector.
 
     Args:
-        found: What was read, its points unnamed.
+        found: Detections with unnamed points.
         layout: Which points these are; found from their number and places if None.
         at: The file, for messages.
         names: Names that the file has for them, taken where no layout has as many points, or other joints in their places.
@@ -70,11 +70,12 @@ def with_layout(found: DetectedPeople, layout: str | None, at: Location, names: 
         InputError: No layout has as many points, or the given one has not, and the file has no names.
     """
     count = found.points.shape[2]
-    of_body = _WHOLE_BODIES.get(count)
-    kept = len(LAYOUTS.get(of_body or "", ()))
-    if of_body is not None and layout in (None, of_body) and (len(names) != count or _agree(names[:kept], LAYOUTS[of_body])):
-        found = found._replace(points=found.points[:, :, :kept], confidence=found.confidence[:, :, :kept])
-        return found._replace(layout=of_body, names=LAYOUTS[of_body])
+    for of_body in _WHOLE_BODIES.get(count, ()):
+        body = LAYOUTS[of_body]
+        cut = names[: len(body)] if len(names) == count else body
+        if layout in (None, of_body) and _agree(cut, body) and len(markers_of_names(cut)) in (0, len(markers_of_names(body))):
+            found = found._replace(points=found.points[:, :, : len(body)], confidence=found.confidence[:, :, : len(body)])
+            return found._replace(layout=of_body, names=body)
     if layout is None and len(names) == count and not any(_agree(names, known) for known in LAYOUTS.values()):
         return found._replace(layout="", names=tuple(names))
     chosen = layout_of(found.points, at) if layout is None else check_layout(layout, count, at)

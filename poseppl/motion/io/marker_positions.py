@@ -64,7 +64,7 @@ def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]
             raise at.error(f"frame {key[0]} has {brief(key[1])} twice")
         rows[key] = place
     if not rows:
-        raise Location(path).error("the file holds no place", "at least one row after the header")
+        raise Location(path).error("the file has no position", "at least one row after the header")
     frames = np.array(sorted({frame for frame, _ in rows}), np.int64)
     places = np.full((len(frames), len(names), 3), np.nan)
     for (frame, name), place in rows.items():

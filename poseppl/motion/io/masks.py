@@ -17,7 +17,7 @@ from poseppl.motion.io.video import Video, digest_of_files, open_video
 
 Mask = NDArray[np.bool_]
 MAX_BYTES = 4 * 2**30
-"""Of packed masks: 16,000 frames of 1920 x 1080."""
+"""Largest size of packed masks: 16,000 frames of 1920 x 1080."""
 
 
 def write_masks(path: Path, masks: list[NDArray[np.uint8]], size: tuple[int, int]) -> None:

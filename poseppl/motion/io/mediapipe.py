@@ -40,7 +40,7 @@ _EXPECTED = '33 landmarks a person, [{"frame": 0, "landmarks": [{"x": 0.5, "y": 
 _COLUMNS = "frame, nose_x, nose_y, nose_visibility, ...; or frame, landmark, x, y, visibility"
 _UNSEEN = {"x": None, "y": None}
 _Frame = tuple[Location, Mapping[str, Any]]
-"""Where a frame stands, and its fields."""
+"""Position of a frame, and its fields."""
 _LARGEST_SHARE = 3.0
 """Landmarks of people who are partly outside of the picture are guessed there."""
 
@@ -161,7 +161,7 @@ def _frames_of_csv(path: FilePath) -> Iterable[_Frame]:
 
 
 def _wide_columns(fields: Sequence[str], at: Location) -> list[dict[str, str]]:
-    """Of each landmark the columns, by x, y and visibility."""
+    """Columns of each landmark, by x, y and visibility."""
     found: dict[str, dict[str, str]] = {name: {} for name in NAMES}
     for field in fields:
         name, _, kind = field.rpartition("_")

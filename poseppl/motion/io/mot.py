@@ -34,7 +34,7 @@ MAX_VALUES = 40_000_000
 
 
 class MotionFile(NamedTuple):
-    """What a motion file holds.
+    """Content of a motion file.
 
     Attributes:
         times: (T,) seconds.

@@ -26,8 +26,8 @@ class Motion:
         positions: (T, J, 3) mm, Z up; NaN where a marker was not seen.
         parents: For each joint the index of its parent, -1 for a root; empty for a cloud of markers.
         rate: Frames a second.
-        source: Where it came from.
-        notes: What the reader assumed or found, a sentence each.
+        source: Source.
+        notes: Notes of the reader, a sentence each.
     """
 
     names: tuple[str, ...]

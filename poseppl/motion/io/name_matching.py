@@ -33,7 +33,7 @@ def without_prefixes(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def without_namespace(name: str) -> str:
-    """What follows the last ``:`` or ``|`` of a name."""
+    """Part of a name after its last ``:`` or ``|``."""
     return re.split("[:|]", name)[-1].strip() or name
 
 

@@ -72,7 +72,7 @@ def read_observations(path: FilePath, marker_names: Sequence[str], camera_names:
     for here, values in lines:
         rows.extend(_row(here, values, columns, marker_names, camera_names))
     if not rows:
-        raise at.error("the file holds no observation", "at least one row after the header")
+        raise at.error("the file has no observation", "at least one row after the header")
     table = np.array(rows).reshape(-1, 7)
     line_numbers, numbers, camera, marker = table[:, :4].astype(np.int64).T
     first, total = _frame_range(at, numbers, line_numbers, len(camera_names) * len(marker_names))

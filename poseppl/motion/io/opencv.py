@@ -21,7 +21,7 @@ from poseppl.files.bounded_reading import read_bytes
 
 MAX_IMAGE_BYTES = 2**30
 MAX_PIXELS = 2**26
-"""Of one picture: 8192 x 8192, twice what a video of 7680 x 4320 has. Its header is read before anything is decoded."""
+"""Largest picture: 8192 x 8192, twice the pixels of a video of 7680 x 4320. Its header is read before anything is decoded."""
 MAX_CHUNKS = 100_000
 _PNG = b"\x89PNG\r\n\x1a\n"
 Image = NDArray[np.uint8]
@@ -123,7 +123,7 @@ def encode_image(image: Image, suffix: str = ".png", *, file: FilePath | None = 
     Args:
         image: (H, W, 3) RGB or (H, W) gray.
         suffix: Says the format.
-        file: What the bytes are for, for messages.
+        file: Name of the file of the bytes, for messages.
 
     Raises:
         InputError: The array is no image, or the suffix is unknown.
@@ -205,6 +205,6 @@ def check_image(image: Image, camera: str | None = None, frame: int | None = Non
 
 
 def place(camera: str | None, frame: int | None = None, file: FilePath | None = None) -> Location:
-    """Where in a recording something is, for messages: "camera front, frame 12", or what is known of it."""
+    """Position in a recording, for messages: "camera front, frame 12", or the known part of it."""
     parts = [f"camera {camera}" if camera is not None else "", f"frame {frame}" if frame is not None else ""]
     return Location(file, field=", ".join(part for part in parts if part) or None)

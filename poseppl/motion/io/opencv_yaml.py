@@ -43,7 +43,7 @@ def read_opencv_yaml(path: FilePath) -> dict[str, Any]:
     at = Location(path)
     lines = _lines(read_text(path, max_bytes=2**22), at)
     if not lines:
-        raise at.error("the file holds nothing", "the YAML that OpenCV writes")
+        raise at.error("the file is empty", "the YAML that OpenCV writes")
     value, rest = _block(lines, 0, lines[0][1], at, 0)
     if rest < len(lines):
         raise at.in_line(lines[rest][0]).error("the indent fits nothing before it", "the YAML that OpenCV writes")
@@ -112,7 +112,7 @@ def _scalar(text: str, at: Location) -> Any:
         raise at.error(brief(text), "numbers, texts, lists and matrices alone")
     if text.startswith("["):
         if not text.endswith("]") or "[" in text[1:]:
-            raise at.error("a list that does not end, or holds lists", "[ 1., 2., 3. ]; the file may have been cut off")
+            raise at.error("a list that does not end, or contains lists", "[ 1., 2., 3. ]; the file may have been cut off")
         parts = [part.strip() for part in text[1:-1].split(",")]
         parts = parts[:-1] if parts and parts[-1] == "" else parts
         if len(parts) > MAX_NUMBERS:

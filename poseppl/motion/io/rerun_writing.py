@@ -13,28 +13,31 @@ whose image is upside down (a negative focal length) has its image in ``images/N
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.selection import Array, edges, mean_points, some_draws
+from poseppl.diagnostics.selection import Array, some_draws
 from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.files.atomic_writing import atomic_path
+from poseppl.motion.poses import edges, mean_points
 from poseppl.runs.contents import arrays_of, frame_numbers, names_of, variable
 
 NUM_DRAWS = 10
 MEAN, DRAW, OBSERVED, TRUTH = (31, 111, 139), (109, 179, 201, 120), (228, 87, 46), (150, 150, 150)
 
 
-def write_rerun(path: FilePath, tree: xr.DataTree, times: Floats) -> None:
+def write_rerun(path: FilePath, tree: xr.DataTree, times: Floats, unseen: Sequence[str] = ()) -> None:
     """Write a recording.
 
     Args:
         path: The .rrd file, overwritten if it exists.
         tree: A result with markers.
         times: (T,) of its frames, seconds.
+        unseen: Markers that are not drawn.
 
     Raises:
         InputError: The result has no markers, or the file cannot be written.
@@ -47,12 +50,14 @@ def write_rerun(path: FilePath, tree: xr.DataTree, times: Floats) -> None:
     mean = variable(tree, "summary", "markers_mean")
     if mean is None:
         raise InputError("the result has no markers", file=path, expected="a result of points or of a body")
+    hidden = np.isin(names_of(tree, "marker", "summary"), list(unseen))[:, None]
+    mean = np.where(hidden, np.nan, mean)
     with atomic_path(path) as temporary:
         recording = rerun.RecordingStream("poseppl", send_properties=False)
         recording.save(temporary)
         recording.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         places = _log_cameras(rerun, recording, tree)
-        space = {"draws": some_draws(tree, "markers", NUM_DRAWS), "truth": variable(tree, "truth", "markers")}
+        space = {"draws": _shown(some_draws(tree, "markers", NUM_DRAWS), hidden), "truth": variable(tree, "truth", "markers")}
         image = {"observed": variable(tree, "observed_data", "points"), "mean": mean_points(tree)}
         for number, (frame, time) in enumerate(zip(frame_numbers(tree), times, strict=True)):
             recording.set_time("frame", sequence=int(frame))
@@ -65,6 +70,10 @@ def write_rerun(path: FilePath, tree: xr.DataTree, times: Floats) -> None:
                         recording.log([*place, name], rerun.Points2D(shown, colors=OBSERVED if name == "observed" else MEAN))
         recording.flush()
         recording.disconnect()
+
+
+def _shown(draws: Array | None, hidden: Array) -> Array | None:
+    return None if draws is None else np.where(hidden, np.nan, draws)
 
 
 def _log_pose(rerun: Any, recording: Any, tree: xr.DataTree, mean: Array, beside: dict[str, Any]) -> None:

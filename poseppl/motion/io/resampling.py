@@ -26,9 +26,9 @@ def whole_step(rate: float, wanted: float) -> int | None:
 def resample(motion: Motion, rate: float) -> Motion:
     """Bring a motion to a lower rate.
 
-    Where every n-th frame has that rate, those are taken as they are. Elsewhere points lie on the straight line between the
-    frames before and after their time; one that is missing in either of them is missing. An arm of 600 mm that swings by 6
-    radians a second is 0.2 mm short in the middle between frames of 120 Hz.
+    If every n-th frame has that rate, these frames are selected. Otherwise points lie on the straight line between the frames
+    before and after their time; a point that is missing in either frame is missing. An arm of 600 mm that swings by 6 radians a
+    second is 0.2 mm short in the middle between frames of 120 Hz.
 
     Args:
         motion: The motion, T frames.

@@ -59,7 +59,7 @@ class Skeleton(NamedTuple):
 
     Attributes:
         points: K names.
-        links: What stays near a length.
+        links: Pairs of points with a nearly constant distance.
         pairs: For each pair of limbs, the indices of the left and of the right points.
     """
 

@@ -1,8 +1,8 @@
 """Points as SLEAP exports them for analysis, an HDF5 file.
 
-``tracks`` are the places of all animals' nodes in all frames, NaN where there is none.
-``tracks`` is (tracks, 2, nodes, frames), and ``point_scores`` (tracks, nodes, frames); newer exports have other orders,
-which their attribute ``dims`` tells. What has no score, as animals that were put right by hand, has a confidence of 1.
+``tracks`` (tracks, 2, nodes, frames) has the positions of all animals' nodes in all frames, NaN where there is none, and
+``point_scores`` (tracks, nodes, frames) their scores. Newer exports have other orders, which their attribute ``dims`` gives.
+Points without a score, such as those that were corrected by hand, have a confidence of 1.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _ordered(file: Any, name: str, axes: tuple[str, ...], at: Location) -> Float
 
 
 def _dimensions(file: Any, name: str, at: Location) -> tuple[str, ...] | None:
-    """Names of axes, where they are told."""
+    """Names of axes, where the file has them."""
     stored = attribute(file[name], "dims", at)
     if stored is None:
         return None if attribute(file, "transpose", at) in (None, True, 1) else ("frame", "node", "xy", "track")

@@ -30,8 +30,8 @@ def synchronised(
         videos: The cameras, each with a name of its own.
         start: The first frame.
         stop: The frame after the last; None for all.
-        mismatch: What to do with cameras of unlike length or rate: "raise", or "shortest", which ends with the shortest one
-            and reports each difference as a ``VideoWarning``.
+        mismatch: Action if cameras differ in length or rate: "raise", or "shortest", which ends with the shortest one and
+            reports each difference as a ``VideoWarning``.
 
     Yields:
         The frame number, and the image of each camera by its name.
@@ -47,7 +47,7 @@ def synchronised(
         ended = [camera for camera, image in images.items() if image is None]
         if ended:
             if len(ended) < len(videos):
-                _report(f"the video ends before frame {frame}, other cameras go on", ended[0], mismatch)
+                _report(f"the video ends before frame {frame}, other cameras continue", ended[0], mismatch)
             return
         yield frame, {camera: image for camera, image in images.items() if image is not None}
         frame += 1

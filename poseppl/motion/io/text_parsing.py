@@ -81,7 +81,7 @@ def parse_number(token: str, at: Location) -> float:
 
     Args:
         token: The text, without white space around it.
-        at: Where it stands, for the message.
+        at: Position, for the message.
 
     Returns:
         The number.
@@ -106,9 +106,9 @@ def finite_numbers(value: Any, names: Collection[str], at: Location) -> dict[str
     """Check that what a file holds is a mapping of known names to finite numbers.
 
     Args:
-        value: What JSON or TOML gave.
+        value: Value from JSON or TOML.
         names: The known names.
-        at: Where it stands, for the message.
+        at: Position, for the message.
 
     Returns:
         The numbers by name.

@@ -7,7 +7,8 @@
                   X1  Y1  Z1  X2  Y2  Z2
     1       0.00  1.0 2.0 3.0
 
-Columns are separated by tabs, or by commas. What programs write varies, so that only what the numbers need is taken from the
+Columns are separated by tabs, or by commas. Programs differ in what they write, so only the fields that the numbers need are
+taken from the
 header: names, rate and unit. Empty fields are markers that were not seen. The axis that points up is found in the data: OpenSim
 writes Y up, other programs Z.
 """
@@ -98,7 +99,7 @@ def write_trc(path: FilePath, motion: Motion, times: Floats, frames: Integers) -
 
 
 def column_name(name: str, path: FilePath) -> str:
-    """The name of a column of text that tabs separate, as it is.
+    """The name of a column of text that tabs separate, unchanged.
 
     Raises:
         InputError: It is empty or holds a space, a tab or the end of a line, which OpenSim takes for the column's end.

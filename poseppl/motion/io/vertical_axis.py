@@ -82,11 +82,11 @@ def vertical_axis(
     Args:
         names: K names of joints or markers.
         positions: (T, K, 3) in the file's axes, in any unit; NaN where unknown.
-        given: The user's choice, which is taken as it is.
-        stated: What the file says.
-        stated_by: Where it says so.
+        given: The user's choice, which is not checked.
+        stated: The axis that the file states.
+        stated_by: The field that states it.
         rest: (K, 3) the skeleton at rest, if there is one.
-        usual: What is usual in the format.
+        usual: The usual axis of the format.
         kind: The kind of file, for messages.
         agreed: Whether the format prescribes what is usual, so that the longest extent of points without names says nothing.
     """
@@ -104,8 +104,8 @@ def vertical_axis(
         return VerticalAxis(at_rest, "the head is above the feet in the skeleton at rest", True)
     longest = None if agreed else _longest(positions)
     if longest is not None:
-        return VerticalAxis(longest, "the body is longest along it, and neither names nor the file say more", False)
-    return VerticalAxis(usual, f"this is usual in {kind}, and nobody stands along another axis", False)
+        return VerticalAxis(longest, "the body is longest along it, and neither names nor the file state an axis", False)
+    return VerticalAxis(usual, f"this is usual in {kind}, and no body is upright along another axis", False)
 
 
 def _head_above_feet(names: Sequence[str], positions: Floats) -> str | None:

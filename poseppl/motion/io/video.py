@@ -34,7 +34,7 @@ class Video(NamedTuple):
         size: Width and height in pixels.
         num_frames: How many frames there are; None where the file does not say.
         rate: Frames a second; None where nobody has said.
-        source: Where the pictures come from, for messages.
+        source: Source of the pictures, for messages.
         stream: From the first frame wanted to an iterator of images that ends where the frames do.
         digest: Computes the hash of the content.
     """

@@ -21,7 +21,7 @@ _FORMATS = ",".join(
 
 
 class VideoFacts(NamedTuple):
-    """Facts that a video file tells of itself.
+    """Facts in a video file's header.
 
     Attributes:
         size: Width and height in pixels, as decoded (a rotation in the header is applied).
@@ -42,7 +42,7 @@ def probe(path: str, camera: str) -> VideoFacts:
         camera: The camera, for messages.
 
     Returns:
-        What the file says of itself.
+        The properties that the file states.
 
     Raises:
         InputError: Its first frame cannot be decoded.
@@ -64,7 +64,7 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts) -> Iterato
         path: The file.
         camera: The camera, for messages.
         start: The first frame.
-        facts: What the file says of itself.
+        facts: Properties that the file states.
 
     Yields:
         (H, W, 3) RGB images.

@@ -18,7 +18,7 @@ class VideoWriter:
 
     Args:
         path: The file, for messages.
-        temporary: Where it is encoded.
+        temporary: File to which it is encoded.
         rate: Frames a second.
         codec: OpenCV's four letters.
 
@@ -68,8 +68,8 @@ class VideoWriter:
         found = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
         capture.release()
         if found != self.count:
-            told = f"{found} of {self.count} frames were written (is the disk full?); nothing was kept"
-            raise PosepplError(f"{self._at.file}: {told}")
+            message = f"{found} of {self.count} frames were written (is the disk full?); nothing was kept"
+            raise PosepplError(f"{self._at.file}: {message}")
 
     def _open(self, width: int, height: int) -> None:
         if width % 2 or height % 2:  # OpenCV would cut off the last column or row
@@ -92,7 +92,7 @@ def video_writer(path: FilePath, rate: float, *, codec: str = "mp4v") -> Iterato
         codec: OpenCV's four letters. "mp4v", MPEG-4 part 2, is in every build; "avc1", H.264, is not.
 
     Yields:
-        What takes the frames.
+        A function that takes the frames.
 
     Raises:
         InputError: There is no image, or the file cannot be written.

@@ -1,4 +1,4 @@
-"""What a person tells of a calibration: a unit of length that cannot be right, and which axis points up.
+"""Check a calibration by the person in it: a unit of length that cannot be right, and the axis that points up.
 
 Neither shows in the pictures: a world that is a hundred times as large, or lies on its side, fits them as well.
 """

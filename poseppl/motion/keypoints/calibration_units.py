@@ -51,7 +51,7 @@ def infer_unit(
 
     Args:
         records: C cameras.
-        people: What each saw, in common frames.
+        people: Detections of each camera in common frames.
         markers: The points' numbers by the names of a body's markers.
 
     Returns:
@@ -64,7 +64,7 @@ def infer_unit(
     ratios = np.array([ratio for pair in meeting_rays(cameras, people) for ratio in segment_ratios(pair.places, markers)])
     if len(ratios) < _MIN_SEGMENTS:
         raise InputError(
-            "the calibration does not state its unit of length, and too little of a person is seen by two cameras to tell it",
+            "the calibration does not state its unit of length, and two cameras see too little of a person to estimate it",
             field=Argument("unit"),
             expected=", ".join(_UNITS),
         )
@@ -99,7 +99,7 @@ def meeting_rays(cameras: Cameras, people: Sequence[DetectedPeople]) -> list[Mee
 
     Args:
         cameras: C cameras.
-        people: What each saw, in common frames.
+        people: Detections of each camera in common frames.
     """
     centres = np.asarray(cameras.centre, np.float64)
     rows = np.unique(np.linspace(0, len(people[0].points) - 1, min(_MAX_FRAMES, len(people[0].points))).astype(int))
@@ -118,7 +118,7 @@ def meeting_rays(cameras: Cameras, people: Sequence[DetectedPeople]) -> list[Mee
 
 
 def _pair(centres: Floats, cameras: tuple[int, int], rays: Floats) -> MeetingRays | None:
-    """Where rays (2, K, 3) of two cameras pass each other; None where fewer than four points are seen by both cameras."""
+    """Distances at which rays (2, K, 3) of two cameras pass each other; None if both cameras see fewer than four points."""
     seen = np.isfinite(rays).all((0, 2))
     if seen.sum() < 4:
         return None

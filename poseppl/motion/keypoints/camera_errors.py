@@ -1,4 +1,4 @@
-"""What remains of each camera's points between them and the places that all cameras' rays pass by: noise and bias."""
+"""Noise and bias of each camera's points, from their distances to the triangulated positions."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-import scipy
+from scipy.special import chdtri
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, project
 
 MIN_RESIDUALS = 30
-"""Points of a camera, at least, that tell its errors."""
+"""Minimum number of a camera's points to estimate its errors."""
 
 
 class CameraErrors(NamedTuple):
-    """What remains of each camera's points between them and the places that all cameras' rays pass by.
+    """Noise and bias of each camera's points, from their distances to the triangulated positions.
 
     Attributes:
-        scale: (C,) standard deviation of a coordinate, px, bias included; NaN where it cannot be told.
+        scale: (C,) standard deviation of a coordinate, px, bias included; NaN where it cannot be estimated.
         bias: (C, 2) median, px.
     """
 
@@ -28,17 +28,17 @@ class CameraErrors(NamedTuple):
 
 
 def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
-    """How far points (T, C, K, 2) are from the projections of places (T, K, 3) that were made of them.
+    """Estimate noise and bias of points (T, C, K, 2) from the projections of positions (T, K, 3) triangulated from them.
 
-    Of each point's error, of variance s^2 in both directions, a place that n cameras at one height tell leaves a share of
-    v = 1 - 1 / n along the vertical and of h = 1 - 2 / n across it: two cameras agree in all but one direction. So the squared
-    length of what remains is (v + h) s^2 times a chi-squared variable over its k degrees of freedom, whose median tells s;
-    k = (v + h)^2 / (v^2 + h^2) (Welch and Satterthwaite).
+    Let a point's error have the variance s^2 in both directions. The residual to a position triangulated from n cameras at one
+    height has the share v = 1 - 1 / n of this variance along the vertical and h = 1 - 2 / n across it: two cameras agree in all
+    but one direction. So the squared length of a residual is (v + h) s^2 times a chi-squared variable over its k degrees of
+    freedom, with k = (v + h)^2 / (v^2 + h^2) (Welch and Satterthwaite). Its median estimates s.
     """
     projected = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
     count = np.maximum(np.isfinite(points).all(-1).sum(1), 2)
     share, freedom = 2 - 3 / count, (2 - 3 / count) ** 2 / ((1 - 1 / count) ** 2 + (1 - 2 / count) ** 2)
-    unit = share * scipy.stats.chi2.median(freedom) / freedom
+    unit = share * chdtri(freedom, 0.5) / freedom
     residual = np.where(np.isfinite(places)[:, None, :, :1], points - projected, np.nan)
     squared = np.sum(residual**2, -1) / unit[:, None]
     scale, bias = np.full(points.shape[1], np.nan), np.zeros((points.shape[1], 2))

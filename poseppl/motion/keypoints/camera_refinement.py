@@ -6,7 +6,7 @@ projections and what was seen is made small. A detector's errors last: those of 
 that all frames of a second count as one. The posterior of the poses is Laplace's: Gaussian, with the curvature of the sum of
 squares.
 Its prior is as wide as the errors that were found are large, four of the first prior's size beside them (MacKay 1992,
-doi:10.1162/neco.1992.4.3.415): errors of all cameras in common, which nothing tells, are as large as those that are told.
+doi:10.1162/neco.1992.4.3.415): errors that all cameras share, which no data show, are as large as those that the data show.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import scipy
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.compilation import jit_lightly
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
+from poseppl.stored_programs import stored_jit
 
 PRIOR_ANGLE, PRIOR_POSITION = np.deg2rad(1.0), 30.0
 """Standard deviations of a camera's turn about each axis (radians) and of its centre along each (mm)."""
@@ -33,7 +33,7 @@ ERRORS_LAST = 1.0
 """Seconds after which the errors of a point are others."""
 _FREEDOM = 4.0
 _STEP = 0.03
-"""Of the differences that derivatives are made of, in standard deviations of the prior; projections have seven digits."""
+"""Step of the difference quotients, in standard deviations of the prior; projections have seven digits."""
 
 
 class RefinedCameras(NamedTuple):
@@ -94,15 +94,15 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
         residuals, np.zeros(6 * count), jac=derivative, method="trf", xtol=1e-4, ftol=1e-5, max_nfev=20
     )
     unit = np.tile(scale, count)
-    told, eye = found.jac.T @ found.jac - np.eye(found.x.size), np.eye(found.x.size)
-    squared = (PRIOR_WEIGHT + found.x @ found.x) / (PRIOR_WEIGHT + np.trace(told @ np.linalg.inv(told + eye)))
-    covariance = np.linalg.inv(told + eye / squared) * np.outer(unit, unit)
+    information, eye = found.jac.T @ found.jac - np.eye(found.x.size), np.eye(found.x.size)
+    squared = (PRIOR_WEIGHT + found.x @ found.x) / (PRIOR_WEIGHT + np.trace(information @ np.linalg.inv(information + eye)))
+    covariance = np.linalg.inv(information + eye / squared) * np.outer(unit, unit)
     deviation = np.sqrt(np.diag(covariance)).reshape(count, 6)
     errors = found.x.reshape(count, 6) * scale
     return RefinedCameras(_moved(cameras, errors), errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:], covariance)
 
 
-_project = jit_lightly(project)
+_project = stored_jit(project)
 
 
 def _moved(cameras: Cameras, errors: Floats) -> Cameras:

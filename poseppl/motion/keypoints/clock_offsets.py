@@ -1,18 +1,22 @@
 """Constant offsets between cameras' clocks, from what they see of one person who moves.
 
 Rays of one point in two cameras pass each other at a signed distance. If one camera is late, it changes as the point moves; an
-error of the calibration changes it little in time. So points that leap are left out, each point's mean is taken away, and the
-shift between the two cameras is sought that makes the rest, g, small, by Newton under Student-t errors (4 degrees of freedom).
-At any time, on a frame or between two, rays are means over the frames about it under a Gaussian of one frame: noise then has
-the same variance at all shifts, so that it favours none, and adds nothing to the mean of the curvature, sum(w (g'^2 + g g'')),
-as it does to sum(w g'^2), by which shifts would seem better known than they are.
+error of the calibration changes it little in time. So points that jump are left out, and each point's mean is subtracted.
+Newton's method finds the shift between the two cameras that makes the remainder, g, small, under Student-t errors (4 degrees of
+freedom). Rays at any time, on a frame or between two, are means over the frames around it, weighted by a Gaussian with a
+standard deviation of one frame. Noise then has the same variance at all shifts, so that it favours none. It adds nothing to the
+mean of the curvature, sum(w (g'^2 + g g'')), but it would to sum(w g'^2), which would make shifts look more precise than they
+are.
 
-The offsets are the least squares of the shifts of all pairs. Their covariance is a sandwich over all pairs together, which
-share cameras: one in which all errors of a keypoint are taken for one, and one in which all of an eighth of the time are, each
-score over what is left of the curvature without it (the jackknife's, Bell and McCaffrey 2002, Survey Methodology 28). It is the
-sum of the two (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, take away what both have), with the variance of
-:data:`SYSTEMATIC` for each pair. Where to begin is found at whole frames: the shift at which the detections of two cameras pass
-nearest, whoever they are of.
+The offsets are the least squares of the shifts of all pairs. Their covariance is a sandwich estimate over all pairs together,
+because pairs share cameras. It is the sum of two such estimates: one with clusters by keypoint, and one with clusters by
+eighths of the time. (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, subtract the part that both have in
+common.) Each score is divided by the curvature without its own cluster (the jackknife's, Bell and McCaffrey 2002, Survey
+Methodology 28). The variance of :data:`SYSTEMATIC` is added for each pair.
+
+The search starts at a whole number of frames: the shift at which the detections of two cameras, of any person, pass nearest. In
+this search each point's median distance is subtracted, up to 100 mm, for the calibration may be off by so much. Without that, a
+walk a stride later may pass nearer than the same frames do.
 """
 
 from __future__ import annotations
@@ -45,6 +49,8 @@ _AROUND = 2
 """Frames to either side that a mean is over, beside those that the place lies between."""
 _MIN_CURVATURE = 0.2
 """In units of sum(w g'^2): where noise alone makes the slopes, nothing is known."""
+_CALIBRATION = 100.0
+"""Distance (mm) by which errors of the calibration may move rays of a point past each other, in the search of whole frames."""
 _PARTS, _LARGEST_SHARE = 8, 0.9
 """Parts of the time whose errors are taken for one; share of the curvature that one group has at most."""
 SYSTEMATIC, SECONDS = 0.003, 5 / 3
@@ -70,7 +76,7 @@ def coarse_offsets(cameras: Cameras, people: Sequence[DetectedPeople]) -> Floats
 
     Args:
         cameras: C cameras.
-        people: What each saw, in common frames.
+        people: Detections of each camera in common frames.
     """
     count = len(people)
     rays = [viewing_rays(cameras, c, _confident(found.points, found.confidence)) for c, found in enumerate(people)]
@@ -98,7 +104,7 @@ class PairShift(NamedTuple):
     Attributes:
         cameras: Indices of the two.
         frames: The shift.
-        influences: What errors have moved it by, by keypoint (K,) and by part of the time (G,).
+        influences: Changes of it by errors, by keypoint (K,) and by part of the time (G,).
         together: Frames in which both see a point.
     """
 
@@ -109,7 +115,7 @@ class PairShift(NamedTuple):
 
     @property
     def variance(self) -> float:
-        """Of the shift, but for errors of the calibration."""
+        """Variance of the shift, without errors of the calibration."""
         return float(sum((each**2).sum() for each in self.influences))
 
     def systematic(self, rate: float) -> float:
@@ -146,7 +152,7 @@ def synchronize(cameras: Cameras, points: Floats, confidence: Floats, rate: floa
 
 
 def _pair_shift(centres: Floats, rays: Floats, a: int, b: int, trust: Floats) -> PairShift | None:
-    """By how much camera b is later than a, from rays (T, C, K, 3) that count by their trust (T, C, K); None where not told."""
+    """By how much camera b is later than a, from rays (T, C, K, 3) weighted by their trust (T, C, K); None if unknown."""
     rows = np.unique(np.linspace(0, len(rays) - 1, min(len(rays), _MAX_FRAMES)).astype(int))
     sure, shift = (trust[:, a] * trust[:, b])[rows], 0.0
     for _ in range(_ROUNDS):
@@ -193,7 +199,7 @@ def _smooth(rays: Floats, rows: Integers, shift: float) -> Floats:
 
 
 def _shift_costs(cameras: Cameras, a: int, first: Floats, b: int, second: Floats) -> dict[int, float]:
-    """Median distance (mm) by which the nearest detections of two cameras pass each other, by the second one's shift."""
+    """How far (mm) the nearest detections of two cameras pass each other, beside each point's median, by the second's shift."""
     centres = np.asarray(cameras.centre, np.float64)
     total, costs = len(first), {}
     for shift in range(-LARGEST_SHIFT, LARGEST_SHIFT + 1):
@@ -201,11 +207,14 @@ def _shift_costs(cameras: Cameras, a: int, first: Floats, b: int, second: Floats
         if len(rows) < max(_MIN_FRAMES, total // 4):
             continue
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MAX_FRAMES // 2)).astype(int))]
-        apart = np.abs(_distance(centres[a], first[rows][:, :, None], centres[b], second[rows + shift][:, None]))
+        apart = _distance(centres[a], first[rows][:, :, None], centres[b], second[rows + shift][:, None])
         common = np.isfinite(apart).sum(-1) >= _MIN_POINTS
-        near = np.where(common, _median(apart), np.inf).reshape(len(rows), -1).min(1)
-        if np.isfinite(near).sum() >= _MIN_FRAMES:
-            costs[shift] = float(np.median(near[np.isfinite(near)]))
+        near = np.where(common, _median(np.abs(apart)), np.inf).reshape(len(rows), -1)
+        seen = np.isfinite(near.min(1))
+        if seen.sum() >= _MIN_FRAMES:
+            nearest = apart.reshape(*near.shape, -1)[np.arange(len(rows)), near.argmin(1)][seen]
+            usual = np.clip(_median(nearest.T), -_CALIBRATION, _CALIBRATION)
+            costs[shift] = float(_median(np.abs(nearest - usual).ravel()))
     return costs
 
 

@@ -44,7 +44,7 @@ class Clock(NamedTuple):
     start: float = 0.0
 
     def positions(self, found: DetectedPeople, numbers: Integers) -> Floats:
-        """Where the recording's frames are in the camera's list of frames, from 0; outside of it before its first and last."""
+        """Positions of the recording's frames in the camera's list of frames, from 0; they may lie outside of the list."""
         if not self.times or found.times is None:
             return np.asarray(self.ratio * numbers + self.offset - found.frames[0])
         known = np.isfinite(found.times)
@@ -64,7 +64,7 @@ class Aligned(NamedTuple):
     """Detections of cameras in common frames.
 
     Attributes:
-        people: What each camera saw, in the same T frames; nobody where it has no frame.
+        people: Detections of each camera in the same T frames; nobody where it has no frame.
         frames: (T,) their numbers.
         spans: (C, 2) first and last of the recording's frames that a camera has.
     """
@@ -78,7 +78,7 @@ def align(people: Sequence[DetectedPeople], clocks: Sequence[Clock], frames: str
     """Bring cameras to common frames, from the first to the last that two of them have.
 
     Args:
-        people: What each camera saw.
+        people: Detections of each camera.
         clocks: Their clocks.
         frames: Range "start:stop:step" of these frames, counted from 0; all if None.
 
@@ -90,8 +90,8 @@ def align(people: Sequence[DetectedPeople], clocks: Sequence[Clock], frames: str
     others = [np.delete(np.arange(len(people)), c) for c in range(len(people))]
     alone = len(people) > 1 and any((low[c] > high[o].max()) or (high[c] < low[o].min()) for c, o in enumerate(others))
     if alone or np.any(low > high):
-        told = ", ".join(f"{first:.0f} to {last:.0f}" for first, last in spans)
-        raise InputError(f"no common frame: {told}", field=Argument("files"), expected="files of the same frame numbers")
+        spanned = ", ".join(f"{first:.0f} to {last:.0f}" for first, last in spans)
+        raise InputError(f"no common frame: {spanned}", field=Argument("files"), expected="files of the same frame numbers")
     second = min(2, len(people)) - 1
     first, last = int(np.sort(low)[second]), int(np.sort(high)[::-1][second])
     numbers = np.arange(first, last + 1)
@@ -104,7 +104,7 @@ def resampled(found: DetectedPeople, positions: Floats, numbers: Integers) -> De
     """A camera's detections at places between its frames.
 
     Args:
-        found: What it saw in T frames.
+        found: Its detections in T frames.
         positions: (N,) places in the list of these, from 0; nobody is seen outside of it.
         numbers: (N,) numbers of the frames that these are.
     """

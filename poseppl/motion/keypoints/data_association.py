@@ -1,7 +1,7 @@
 r"""Which detection is the person, and which of its limbs a detector took for each other: as probabilities, by camera and frame.
 
-Where the body's markers are is told by the programs of ``poseppl_models.bodies.named_points``, each marker by itself, with
-heavy tails and clutter, so that a wrong detection now and then does not lead it away. Given that,
+The programs of ``poseppl_models.bodies.named_points`` estimate the markers' positions, each marker by itself. Their errors have
+heavy tails and clutter, so that an occasional wrong detection does not mislead them. Given these positions,
 
 * each of the n detections of a camera's frame is the person's with a probability,
 
@@ -11,7 +11,7 @@ heavy tails and clutter, so that a wrong detection now and then does not lead it
 * each pair of limbs is exchanged or not, by a Markov chain that is summed out exactly, as in
   :mod:`poseppl.motion.points.swaps`.
 
-Where another detection than the one at first, or an exchange, is more likely than not, it is acted on, and both are told anew.
+Another detection, or an exchange, with a probability above 0.5 is applied, and both are estimated again.
 """
 
 from __future__ import annotations
@@ -30,22 +30,21 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.keypoints.camera_errors import camera_errors
+from poseppl.motion.keypoints.limb_continuity import limb_pairs, proposed_swaps
 from poseppl.motion.keypoints.sources import points_of
 from poseppl.motion.points.fit import points_mode
 from poseppl.motion.points.named_points import PointProblem, PointRecording, make_point_problem
 from poseppl.motion.points.smoothing import seen_points
 from poseppl.motion.points.swaps import SHARE, Pair, SeenPoints, exchanged, swap_probabilities
 
-LIMBS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
-"""Markers of the limbs that a detector may exchange, without their sides."""
 NOBODY = 0.05
 """Share of the frames in which none of a camera's detections is the person; ours."""
 SURE = 0.9
-"""Detections that are the person's with less probability are told of."""
+"""Detections that are the person's with less probability are reported."""
 MIN_FRAMES = 10
 """Frames, at least, of which a motion tells what is wrong."""
 BIAS_SHARE = 0.25
-"""Of the errors' scale that does not change; ours."""
+"""Share of the errors' scale that is constant in time; our choice."""
 ERRORS_LAST, SPEED_LASTS = 0.5, 0.25
 """Seconds that errors of a point and velocities last; ours."""
 _CLUTTER, _CLUTTER_SLOPE, _SLOPE = -5.0, -0.7, -0.15
@@ -57,7 +56,7 @@ _FRAMES_TOGETHER = 100
 
 
 class Association(NamedTuple):
-    """What was found, and the points that follow from it.
+    """Result of the association, and the points that follow from it.
 
     Attributes:
         points: (T, C, K, 2) of the person's detections, with exchanged limbs put right.
@@ -76,13 +75,13 @@ class Association(NamedTuple):
     pairs: tuple[str, ...]
 
     def notes(self, cameras: Sequence[str], frames: Integers) -> list[str]:
-        """What the user should know, a sentence each."""
-        told: list[str] = []
+        """Notes for the user, a sentence each."""
+        notes: list[str] = []
         for c, camera in enumerate(cameras):
             for number, pair in enumerate(self.pairs):
                 wrong = np.flatnonzero(self.swaps[:, c, number] > 0.5)
                 if wrong.size:
-                    told.append(
+                    notes.append(
                         Phrase(
                             f"{camera}: left and right {pair} are swapped in {wrong.size} frames ({_some(frames[wrong])}); "
                             "this is corrected (",
@@ -92,22 +91,11 @@ class Association(NamedTuple):
                     )
             doubtful = np.flatnonzero(self.identity[:, c] < SURE)
             if doubtful.size:
-                told.append(
+                notes.append(
                     f"{camera}: that its detection is the person's has a probability of less than {SURE:.0%} in "
                     f"{doubtful.size} frames ({_some(frames[doubtful])})"
                 )
-        return told
-
-
-def limb_pairs(markers: Sequence[str]) -> dict[str, Pair]:
-    """Indices of the left and the right markers of each pair of limbs that a body has."""
-    found = {}
-    for name, parts in LIMBS.items():
-        both = [part for part in parts if {f"{part}_l", f"{part}_r"} <= set(markers)]
-        if both:
-            left, right = (tuple(markers.index(f"{part}_{side}") for part in both) for side in "lr")
-            found[name] = (left, right)
-    return found
+        return notes
 
 
 def associate(
@@ -118,12 +106,12 @@ def associate(
     Args:
         cameras: C cameras.
         sizes: (C, 2) of their pictures, px.
-        people: What each camera saw, in the same T frames; its points are a body's markers.
+        people: Detections of each camera in the same T frames; its points are a body's markers.
         chosen: (T, C) about which detections are the person's.
         rate: Frames a second.
 
     Returns:
-        What was found; None where there are too few frames, or no two cameras that see the person.
+        The association; None if there are too few frames, or if no two cameras see the person.
     """
     points, confidence = points_of(people, chosen)
     noise = camera_errors(cameras, points, triangulate(cameras, points, confidence)).scale
@@ -137,15 +125,16 @@ def associate(
         people[0].names, ("",) * len(people), cameras, sizes, points, confidence, frames, frames / rate, rate, ""
     )
     try:
-        seen = _seen(recording, noise, rate)
+        seen, first = _seen_after_proposals(recording, noise, rate, pairs)
         identity = identity_probabilities(people, seen, pairs)
         better = _likeliest(identity)
         if np.any(better != chosen):
             points, confidence = points_of(people, better)
-            seen = _seen(recording._replace(points=points, confidence=confidence), noise, rate)
+            recording = recording._replace(points=points, confidence=confidence)
+            seen, first = _seen_after_proposals(recording, noise, rate, pairs)
         swaps = swap_probabilities(points, seen, pairs, elapsed)
         mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
-        if np.any(swaps > 0.5):
+        if np.any((swaps > 0.5) != (first > 0.5)):
             seen = _seen(recording._replace(points=mended[0], confidence=mended[1]), noise, rate)
             swaps = swap_probabilities(points, seen, pairs, elapsed)
             mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
@@ -192,8 +181,17 @@ def _likeliest(identity: Floats) -> Integers:
     return np.where(identity.max(-1) > 0.5, identity.argmax(-1), -1)
 
 
+def _seen_after_proposals(
+    recording: PointRecording, noise: Floats, rate: float, pairs: Sequence[Pair]
+) -> tuple[SeenPoints, Floats]:
+    """Markers as cameras see them after proposed exchanges of limbs (T, C, P) are reverted, and these proposals."""
+    first = proposed_swaps(recording.cameras, recording.points, recording.confidence, pairs, rate)
+    points, confidence = (exchanged(values, first, pairs) for values in (recording.points, recording.confidence))
+    return _seen(recording._replace(points=points, confidence=confidence), noise, rate), first
+
+
 def _seen(recording: PointRecording, noise: Floats, rate: float) -> SeenPoints:
-    """Where cameras of some noise (C,) see the markers, which are smoothed each by itself.
+    """Markers as cameras of some noise (C,) see them, each smoothed by itself.
 
     Raises:
         InputError: No marker is seen by two cameras at a time, or they are behind one.

@@ -1,4 +1,4 @@
-"""A detector calibrated on a recording: its errors, and how well intervals hold with those of one half in the other."""
+"""A detector calibrated on a recording: its errors, and the coverage in each half with the errors of the other."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def calibrate_detector(found: KeypointScene, seed: int = 0) -> DetectorCalibrati
 
     Args:
         found: The recording: three cameras or more.
-        seed: Of the draws.
+        seed: Seed of the draws.
 
     Raises:
         InputError: Three cameras see too few points.
@@ -88,13 +88,13 @@ def judge(seen: SeenPoints, scale: Floats, odds: Floats, seed: int = 0) -> HeldO
         seen: The points.
         scale: (N, C) of the errors, px.
         odds: (N, C) log-odds of clutter.
-        seed: Of the draws.
+        seed: Seed of the draws.
     """
     with double_precision():
         drawn = draw_places(seen, scale, np.random.default_rng(seed))
         below = probabilities(drawn, scale, odds, seen)
-        told = log_predictions(drawn, jnp.asarray(scale), jnp.asarray(odds), seen.seen, seen.sizes)
-        total = float(told.sum())
+        log_densities = log_predictions(drawn, jnp.asarray(scale), jnp.asarray(odds), seen.seen, seen.sizes)
+        total = float(log_densities.sum())
     off = np.abs(below[np.isfinite(below)] - 0.5)
     return HeldOut(np.array([(off <= level / 2).mean() for level in LEVELS]), total / seen.seen.sum())
 

@@ -1,6 +1,6 @@
 r"""The errors of a detector: how large they are, by keypoint and confidence.
 
-Of a keypoint k that is seen with confidence c, whose logit is l, by a camera in which one mm at the point is m px long:
+A camera sees a keypoint k with confidence c, whose logit is l. One mm at the point is m px long in the picture. Then
 
     y ~ (1 - pi) Student-t_4(truth, (s m)^2 I) + pi Uniform(picture)
     log s = log_scale_k + slope (l - l_0),      logit pi = clutter + clutter_slope (l - l_0)
@@ -33,13 +33,13 @@ class DetectorErrors(NamedTuple):
     """The errors of a detector.
 
     Attributes:
-        log_scale: Of each keypoint, by its marker's name: log mm at the person, at the middle confidence.
+        log_scale: Log scale of each keypoint, by its marker's name: log mm at the person, at the middle confidence.
         slope: By how much the log of the scale grows with the logit of the confidence.
         clutter: Log-odds of clutter at the middle confidence.
         clutter_slope: By how much they grow with the logit.
         confidence: The middle one, of logit l_0.
-        counts: Of each keypoint, by name, how many residuals the numbers were found from.
-        source: What they were found from.
+        counts: Counts of each keypoint, by name, the number of residuals behind the estimates.
+        source: Recording that they were estimated from.
     """
 
     log_scale: Mapping[str, float]

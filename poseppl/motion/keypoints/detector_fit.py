@@ -1,8 +1,8 @@
 """The errors of a detector from a recording: each camera's keypoints against where the other cameras see them.
 
-What is made large is the product, over all keypoints, of the density of what one camera saw given what the others saw (a
-pseudo-likelihood; Besag 1975, doi:10.2307/2987782), and the prior. Three cameras have to see a point: two alone agree along
-their common plane whatever their errors are.
+The fit maximises the prior times the product, over all keypoints, of the density of one camera's detection given the others' (a
+pseudo-likelihood; Besag 1975, doi:10.2307/2987782). At least three cameras have to see a point: two alone agree along their
+common plane, whatever their errors are.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.held_out_cameras import DrawnPlaces, SeenPoints, draw_places, log_predictions
 
 MIN_POINTS = 50
-"""Points that three cameras see, at least, for a detector's errors."""
+"""Minimum number of points that three cameras see, for a detector's errors."""
 NUM_ROUNDS = 2
 """Places are drawn with errors of a first guess, and then with those that were found."""
 _PRIORS = {"mean": (2.5, 2.0), "slope": (-0.2, 0.5), "clutter": (-5.0, 1.0), "clutter_slope": (-0.7, 0.5)}
@@ -44,10 +44,10 @@ def fit_detector(seen: SeenPoints, markers: Sequence[str], source: str, seed: in
     """Find the errors of a detector.
 
     Args:
-        seen: What was seen.
+        seen: Detected points.
         markers: Names of the markers.
-        source: What it is from, for the record.
-        seed: Of the draws.
+        source: Recording, for the record.
+        seed: Seed of the draws.
 
     Raises:
         InputError: Fewer than 50 points are seen by three cameras.

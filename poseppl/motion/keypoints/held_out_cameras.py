@@ -1,7 +1,7 @@
-r"""What a camera is to see of points in space, given what the other cameras saw of them.
+r"""Predictions of a camera's detections from those of the other cameras.
 
-Of the place x of a point nothing is known but that it is about the middle of all places. With p_c(y | x) the density of what
-camera c sees of x (:mod:`poseppl.motion.keypoints.detector_errors`), clutter included,
+The position x of a point has a wide prior about the middle of all positions. Let p_c(y | x) be the density of camera c's
+detection y of x (:mod:`poseppl.motion.keypoints.detector_errors`), clutter included. Then
 
     p(y_c | others) = int prod_d p_d(y_d | x) p(x) dx / int prod_(d != c) p_d(y_d | x) p(x) dx
 
@@ -18,11 +18,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy
 from jax import Array
 from jax.nn import log_sigmoid
 from jax.scipy.special import logsumexp as jax_logsumexp
-from scipy.special import expit, gammaln, logsumexp
+from scipy.special import expit, gammaln, logsumexp, stdtr
 
 from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.motion.geometry import Cameras, project
@@ -102,9 +101,9 @@ def draw_places(seen: SeenPoints, scale: Floats, rng: np.random.Generator) -> Dr
     """Draw places, and weigh them.
 
     Args:
-        seen: What was seen of them.
+        seen: Detections of them.
         scale: (N, C) about those of the errors, px.
-        rng: Of the draws.
+        rng: Random generator of the draws.
     """
     num, count = seen.seen.shape
     subsets = [*itertools.combinations(range(count), 2), tuple(range(count))]
@@ -127,13 +126,13 @@ def draw_places(seen: SeenPoints, scale: Floats, rng: np.random.Generator) -> Dr
 
 
 def _meeting(seen: SeenPoints, scale: Floats, subset: Booleans) -> tuple[Floats, Floats]:
-    """Where the rays of some cameras meet (N, 3), and its scale matrix (N, 3, 3); NaN where two do not see a point."""
+    """Triangulate positions (N, 3) from some cameras, with scale matrices (N, 3, 3); NaN if fewer than two see a point."""
     points = np.where(subset[:, None], seen.points, np.nan)
     weight = np.where(np.isfinite(points).all(-1), scale**-2.0, 0.0)
     place = triangulate(seen.cameras, points[:, :, None], (weight * seen.magnification**2)[..., None])[:, 0]
     slope = jax.vmap(jax.jacfwd(lambda x: project(seen.cameras, x)))(jnp.asarray(np.nan_to_num(place), float))
-    told = np.einsum("nc,ncij,ncik->njk", weight, np.asarray(slope, np.float64), np.asarray(slope, np.float64))
-    return place, _WIDER**2 * np.linalg.inv(told + 1e-6 * np.eye(3))  # of a metre at most, where rays are parallel
+    information = np.einsum("nc,ncij,ncik->njk", weight, np.asarray(slope, np.float64), np.asarray(slope, np.float64))
+    return place, _WIDER**2 * np.linalg.inv(information + 1e-6 * np.eye(3))  # of a metre at most, where rays are parallel
 
 
 def _log_student(place: Floats, mean: Floats, inverse: Floats) -> Floats:
@@ -168,13 +167,13 @@ def log_predictions(drawn: DrawnPlaces, scale: Array, odds: Array, seen: Boolean
 
 
 def probabilities(drawn: DrawnPlaces, scale: Floats, odds: Floats, seen: SeenPoints) -> Floats:
-    """Of each coordinate (N, C, 2) the probability of less than what was seen, given what the others saw; NaN if not seen.
+    """Probability below each detected coordinate (N, C, 2), given the other cameras; NaN if not detected.
 
     They are uniform where the errors are right; arguments as above.
     """
     each = np.asarray(log_densities(drawn, jnp.asarray(scale), jnp.asarray(odds), seen.seen, seen.sizes), np.float64)
     others = (each.sum(-1) + drawn.log_weight)[..., None] - each
     weight = np.exp(others - logsumexp(others, 1, keepdims=True))
-    inside = np.einsum("nsc,nsci->nci", weight, scipy.stats.t.cdf(drawn.offset / scale[:, None, :, None], FREEDOM))
+    inside = np.einsum("nsc,nsci->nci", weight, stdtr(FREEDOM, drawn.offset / scale[:, None, :, None]))
     clutter = expit(odds)[..., None]
     return np.asarray((1 - clutter) * inside + clutter * np.clip(seen.points / seen.sizes, 0.0, 1.0))

@@ -14,8 +14,10 @@ from poseppl.motion.keypoints.camera_errors import CameraErrors
 from poseppl.motion.keypoints.camera_refinement import RefinedCameras
 from poseppl.motion.keypoints.data_association import Association
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
+from poseppl.motion.keypoints.point_errors import PointErrors
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE
 from poseppl.motion.tracking.body_sizes import POPULATION
+from poseppl.motion.tracking.lasting_errors import POINT_ERRORS
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import Scene
 
@@ -33,7 +35,7 @@ def _stature_note(alone: bool) -> Phrase:
     """That a stature is assumed, of one camera alone or of several."""
     mean, deviation = (value / 1000 for value in POPULATION)
     return Phrase(
-        f"the person is taken to be {mean:.2f} +- {deviation:.2f} m tall (SD), because these cameras cannot tell; ",
+        f"the person is assumed to be {mean:.2f} ± {deviation:.2f} m tall (SD), because these cameras cannot measure it; ",
         Argument("stature"),
         " or ",
         Argument("lengths"),
@@ -76,17 +78,19 @@ class KeypointScene(NamedTuple):
     Attributes:
         scene: The scene.
         layout: Which points the detector's are.
-        errors: What remains of them.
+        errors: Their noise and bias.
         refined: How the cameras differ from their calibration; None where that was not sought.
         agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
         confidence: (T, C, K) of the points.
         sizes: (C, 2) width and height of the pictures, px.
-        told: What reading the files and bringing their clocks together found, a sentence each.
+        reading_notes: Notes from reading the files and synchronising the clocks, a sentence each.
         associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
-        detector_errors: What was known of the detector's errors; None where the noise is measured.
-        chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
+        detector_errors: Known errors of the detector; None if the noise is estimated.
+        chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before corrections.
         num_leaps: Points that leap and count as not seen.
         size: Whether segment lengths were "given", "measured" in the points, or "assumed" to be those of a mean adult.
+        point_errors: The errors of the points, as rays that miss each other tell; None with one camera.
+        model: Builder of the scene's body.
     """
 
     scene: Scene[PointData]
@@ -96,15 +100,17 @@ class KeypointScene(NamedTuple):
     agreement: Floats
     confidence: Floats
     sizes: Floats
-    told: tuple[str, ...] = ()
+    reading_notes: tuple[str, ...] = ()
     associated: Association | None = None
     detector_errors: DetectorErrors | None = None
     chosen: Integers | None = None
     num_leaps: int = 0
     size: Literal["given", "measured", "assumed"] = "given"
+    point_errors: PointErrors | None = None
+    model: str | None = None
 
     def record(self) -> dict[str, Any]:
-        """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
+        """Estimates for each camera as plain values: degrees, mm, px, and shares; None if they cannot be estimated."""
         turns, shifts = (None, None) if self.refined is None else (self.refined.turn, self.refined.shift)
         cameras = {
             name: {
@@ -117,34 +123,37 @@ class KeypointScene(NamedTuple):
         }
         pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
         left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
-        known = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
+        known: dict[str, Any] = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
+        if self.point_errors is not None:
+            known[POINT_ERRORS] = self.point_errors.record(self.scene.body.tree.marker_names)
         of_size: dict[str, dict[str, Any]] = {"measured": {"lengths measured": True}, "assumed": {ATTRIBUTE: list(POPULATION)}}
-        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **of_size.get(self.size, {})}
+        body = {} if self.model is None else {"model": self.model}
+        return {**body, "layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **of_size.get(self.size, {})}
 
     def notes(self) -> list[str]:
-        """What the user should know, a sentence each."""
-        known = (f"for {self.layout} (", Argument("layout"), ")") if self.layout else ("by their names",)
-        told = [Phrase("keypoints are read ", *known), *self.told]
+        """Notes for the user, a sentence each."""
+        known = (f"the layout {self.layout} (", Argument("layout"), ")") if self.layout else ("names",)
+        notes = [Phrase("the keypoints have ", *known), *self.reading_notes]
         if self.size == "assumed":
-            told.append(_stature_note(len(self.scene.camera_names) == 1))
+            notes.append(_stature_note(len(self.scene.camera_names) == 1))
         if self.detector_errors is not None:
-            told.append(f"the detector's errors are those of {self.detector_errors.source}")
-        told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
+            notes.append(f"the detector's errors are those of {self.detector_errors.source}")
+        notes += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
             if share < MIN_AGREEMENT:
-                told.append(
-                    f"{name}: the person it sees is the others' in {share:.0%} of its frames; its calibration or its clock is "
-                    "wrong, or another camera's"
+                notes.append(
+                    f"{name}: its person agrees with the other cameras' in {share:.0%} of its frames; its calibration or its "
+                    "clock is wrong, or another camera's"
                 )
-        told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
-        told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
+        notes += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
+        notes += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
         if self.num_leaps:
-            leaps = f"{self.num_leaps} points leap away and back, and count as not seen ("
-            told.append(Phrase(leaps, Argument("keep", "detections"), " keeps them)"))
+            leaps = f"{self.num_leaps} points jump away and back, and are treated as missing ("
+            notes.append(Phrase(leaps, Argument("keep", "detections"), " keeps them)"))
         for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
             if np.linalg.norm(bias) > LARGEST_BIAS * scale:
-                told.append(
+                notes.append(
                     f"{name}: points lie ({bias[0]:+.0f}, {bias[1]:+.0f}) px from where the others see them, with a noise of "
                     f"{scale:.0f} px; its calibration, or another's, may be wrong"
                 )
-        return told
+        return notes

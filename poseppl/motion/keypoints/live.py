@@ -1,8 +1,8 @@
-"""A person tracked while a detector is at work: the first frames tell what the others are filtered with.
+"""A person tracked while a detector is at work: the first frames determine the settings of the filter for the others.
 
-From the first frames come, as :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints` finds them in a whole recording,
-the layout, the unit, the cameras' small errors, who is tracked, the segment lengths, the noise, and the first pose. The frames
-that follow are filtered one by one; the person in them is whom the cameras see nearest to the place in the frame before. The
+The first frames determine the layout, the unit, the cameras' small errors, the tracked person, the segment lengths, the noise,
+and the first pose. The function :func:`~poseppl.motion.keypoints.scene.scene_of_keypoints` finds them, as in a whole recording.
+The frames that follow are filtered one by one. The person in them is the one nearest to the position in the previous frame. The
 cameras share a clock, and left and right are taken as the detector has them.
 """
 
@@ -24,7 +24,9 @@ from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.json_people import same_points
 from poseppl.motion.io.layout_guess import with_layout
+from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.people import FollowedPerson
+from poseppl.motion.keypoints.point_errors import PointErrors
 from poseppl.motion.keypoints.scene import noise_of_points, noise_of_settings, scene_of_keypoints, with_markers
 from poseppl.motion.keypoints.settings import PersonSettings
 from poseppl.motion.keypoints.sources import points_of
@@ -39,12 +41,12 @@ from poseppl.runs.labels import QUANTILES
 from poseppl.runs.online_run import OnlineRun
 
 MAX_DRAWS = 20
-"""Draws kept of each chain, or of all particles, unless told otherwise: how many frames will come is not known."""
+"""Draws kept of each chain, or of all particles, by default: how many frames will come is not known."""
 _ENDS = [QUANTILES.index(0.05), QUANTILES.index(0.95)]
 
 
 class LiveEstimate(NamedTuple):
-    """Where the joints are in T frames.
+    """Positions of the joints in T frames.
 
     Attributes:
         frames: T numbers.
@@ -74,7 +76,7 @@ class LiveTrack:
         note: Is called with each sentence that the user should know.
 
     Attributes:
-        estimate: Where the joints are in the first frames.
+        estimate: Positions of the joints in the first frames.
         markers: Names of the joints.
 
     Raises:
@@ -95,9 +97,9 @@ class LiveTrack:
         self._noise = noise if isinstance(noise, int | float) else None
         keep = (*source.keep, "clocks", "detections")
         self._found = found = scene_of_keypoints(replace(source, files=people, layout=None, noise=noise, keep=keep))
-        for told in found.notes():
-            note(told)
-        self._strays = {name for name in people if any(told.startswith(f"{name}: ") for told in found.told)}
+        for text in found.notes():
+            note(text)
+        self._strays = {name for name in people if any(text.startswith(f"{name}: ") for text in found.reading_notes)}
         scene = found.scene._replace(source=", ".join(map(str, source.files.values())))
         self._tracking = prepare(scene, replace(settings, max_draws=settings.max_draws or MAX_DRAWS))
         self.markers = scene.body.tree.marker_names
@@ -141,12 +143,12 @@ class LiveTrack:
         problem = with_frames(self._tracking.problem, data, len(self._frames))
         return self._tracking._replace(scene=scene, problem=problem)
 
-    def finish(self, **told: Any) -> xr.DataTree:
-        """The result of all frames; more can be told of it."""
-        return self.whole().result(self._run.finish(), **told)
+    def finish(self, **attributes: Any) -> xr.DataTree:
+        """The result of all frames, before its checks."""
+        return self.whole().result(self._run.finish(), **attributes)
 
     def _estimate(self, frames: Sequence[int], kept: StepOutput) -> LiveEstimate:
-        """What was kept of frames, of all statures where one is assumed."""
+        """Outputs of frames; for all statures if one is assumed."""
         outputs, scene = kept.outputs, self._tracking.scene
         lower, upper = (outputs.summary["markers_quantile"][:, end] for end in _ENDS)
         assumed = scene.data.provenance.get(ATTRIBUTE)
@@ -163,24 +165,24 @@ class LiveTrack:
         seen = zip(scene.camera_names, sizes, frame.people, strict=True)
         people = [self._people(*each, frame.number) for each in seen]
         points, confidence = points_of(people, self._person.choose(people))
-        if found.detector_errors is not None:  # they are told in mm
+        known = found.detector_errors or (found.point_errors if self._noise is None else self._noise)
+        if isinstance(known, DetectorErrors | PointErrors):  # their unit is mm
             new = triangulate(scene.cameras, points, confidence)[0]
             self._places = np.where(np.isfinite(new), new, self._places)
-        known = found.detector_errors or self._noise
         noise = noise_of_points(known, scene.body, scene.cameras, found.errors.scale, self._places[None], confidence)
         return PointData(points, noise)
 
     def _people(self, name: str, size: Sequence[int], people: list[Floats] | None, number: int) -> DetectedPeople:
-        """Whom a camera sees in a frame: nobody where its file cannot be used, which is told."""
+        """The people that a camera sees in a frame: nobody, and a report, where its file cannot be used."""
         found = _nobody([number], self._layout, self._names)
         try:
             found = _laid_out({number: people or []}, self._layout, Location(field=name)) or found
         except InputError as error:
             self._note(f"frame {number}: {error}; {name} sees nobody there")
-        found, told = without_strays(found, (size[0], size[1]), name)
-        if told and name not in self._strays:  # once is enough
+        found, strays = without_strays(found, (size[0], size[1]), name)
+        if strays and name not in self._strays:  # once is enough
             self._strays.add(name)
-            self._note(told[0])
+            self._note(strays[0])
         return with_markers(found, self.markers)
 
 
@@ -195,7 +197,7 @@ def _last_known(places: Floats) -> Floats:
 def _first_people(
     folders: Mapping[str, FilePath], frames: Sequence[KeypointFrame], layout: str | None
 ) -> dict[str, DetectedPeople]:
-    """What the cameras saw in the first frames.
+    """Detections of the cameras in the first frames.
 
     Raises:
         InputError: Nobody was seen, or people have different points, or points of no layout.

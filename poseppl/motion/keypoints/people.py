@@ -1,4 +1,4 @@
-"""Who is who: the detections of several cameras and frames that belong to one person.
+"""Identification of people: the detections of several cameras and frames that belong to one person.
 
 Two detections in two cameras are of one person where the rays of their points pass near each other: the median of the shortest
 distances is small. Detections of a frame are joined into groups, nearest pairs first, with one of each camera in a group at
@@ -8,8 +8,8 @@ moves faster than people do; the next person's path is that of what remains.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations, islice, takewhile
 from typing import NamedTuple
 
 import jax
@@ -28,6 +28,8 @@ LARGEST_SPEED, LARGEST_JUMP = 10_000.0, 300.0
 """A person's middle moves by at most this many mm a second, and this many mm by errors."""
 LONGEST_ABSENCE = 1.0
 """Seconds for which a person may be found by no two cameras."""
+MIN_PRESENCE = 0.25
+"""Share of the frames in which two cameras see someone, at least, who counts as one of the people of a scene; ours."""
 _CONFIDENT = 0.3
 """Points of less confidence do not tell who is who."""
 _MIN_COMMON = 4
@@ -56,7 +58,7 @@ class FollowedPerson:
 
     Args:
         cameras: C cameras.
-        people: What each saw in the same T frames.
+        people: Detections of each camera in the same T frames.
         chosen: (T, C) which of the detections are the person's, -1 where there is none; some are.
         rate: Frames a second.
     """
@@ -105,7 +107,7 @@ def associate_person(
 
     Args:
         cameras: C cameras.
-        people: What each saw, in the same T frames.
+        people: Detections of each camera in the same T frames.
         rate: Frames a second.
         person: 1 for the person who is seen best, 2 for the next.
         largest_alone: Median distance (mm) of rays, at most, in frames where no camera finds a second person.
@@ -116,22 +118,42 @@ def associate_person(
     Raises:
         InputError: There are fewer people.
     """
+    found = list(islice(associate_people(cameras, people, rate, largest_alone=largest_alone), person))
+    if len(found) < person:
+        seen = f"{len(found)} people are seen" if found else "nobody is seen"
+        problem = f"{seen} by two cameras whose rays agree" if len(people) > 1 else seen
+        expected = "person 1, cameras of one calibration, and common frames"
+        raise InputError(problem, field=Argument("person"), expected=expected)
+    return found[-1]
+
+
+def associate_people(
+    cameras: Cameras, people: Sequence[DetectedPeople], rate: float, *, largest_alone: float = LARGEST_DISTANCE_ALONE
+) -> Iterator[Integers]:
+    """Find the detections (T, C) of one person after the other, who is seen best first; no detection is of two people.
+
+    Arguments are those of :func:`associate_person`.
+    """
     rays = [viewing_rays(cameras, index, _confident(found)) for index, found in enumerate(people)]
     scale = _NOMINAL_EXTENT / _extent(people[0])
     frames = [_groups(cameras, people, rays, frame, scale, largest_alone) for frame in range(len(people[0].points))]
-    for number in range(1, person + 1):
-        path = _best_path(frames, rate)
-        if not path:
-            seen = f"{number - 1} people are seen" if number > 1 else "nobody is seen"
-            problem = f"{seen} by two cameras whose rays agree" if len(people) > 1 else seen
-            expected = "person 1, cameras of one calibration, and common frames"
-            raise InputError(problem, field=Argument("person"), expected=expected)
-        if number < person:
-            frames = [[g for i, g in enumerate(groups) if path.get(frame) != i] for frame, groups in enumerate(frames)]
-    chosen = np.full((len(frames), len(people)), -1)
-    for frame, index in path.items():
-        chosen[frame] = frames[frame][index].chosen
-    return chosen
+    while path := _best_path(frames, rate):
+        chosen = np.full((len(frames), len(people)), -1)
+        for frame, index in path.items():
+            chosen[frame] = frames[frame][index].chosen
+        yield chosen
+        frames = [[g for i, g in enumerate(groups) if path.get(frame) != i] for frame, groups in enumerate(frames)]
+
+
+def num_people(found: Iterable[Integers], most: int) -> int:
+    """How many people, at most ``most``, two cameras or more see in :data:`MIN_PRESENCE` of the frames.
+
+    Args:
+        found: Their detections (T, C), as :func:`associate_people` finds them.
+        most: Largest number; the search ends there.
+    """
+    present = (((chosen >= 0).sum(1) > 1).mean() >= MIN_PRESENCE for chosen in islice(found, most))
+    return len(list(takewhile(bool, present)))
 
 
 def _confident(found: DetectedPeople) -> Floats:
@@ -152,7 +174,7 @@ def _groups(
     scale: float,
     largest_alone: float = LARGEST_DISTANCE_ALONE,
 ) -> list[Group]:
-    """The people of a frame; in one camera alone their places are told by so many mm a pixel."""
+    """The people of a frame; in one camera alone their places follow from so many mm a pixel."""
     detections = [(c, p) for c, found in enumerate(rays) for p in range(found.shape[1]) if np.isfinite(found[frame, p]).any()]
     if len(people) == 1:
         return [_group_of_one(people[0], frame, p, scale) for _, p in detections]

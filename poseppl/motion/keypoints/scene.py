@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -36,13 +36,14 @@ from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.detector_files import read_detector_errors
 from poseppl.motion.keypoints.keypoint_scene import MIN_AGREEMENT, KeypointScene
 from poseppl.motion.keypoints.leaps import despike
-from poseppl.motion.keypoints.people import associate_person
+from poseppl.motion.keypoints.people import associate_people, associate_person, num_people
+from poseppl.motion.keypoints.point_errors import PointErrors, point_errors
 from poseppl.motion.keypoints.settings import PersonSettings
 from poseppl.motion.keypoints.single_camera import noise_in_one_camera
 from poseppl.motion.keypoints.sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.keypoints.suspected_inputs import check_inputs
 from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
-from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import model_of_points
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import MIN_CONFIDENCE, Scene, noise_of
@@ -50,6 +51,8 @@ from poseppl.motion.tracking.walk import ASSUMED_RATE
 
 MIN_MARKERS = 1 / 3
 """Points with names of their own are of a person if at least this share of the body's markers is among them."""
+MIN_FOUND = 0.05
+"""Share of the frames in which a camera finds a point, at least, for the body to have it; ours."""
 MIN_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 
@@ -63,23 +66,15 @@ def scene_of_keypoints(settings: PersonSettings) -> KeypointScene:
     Raises:
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
     """
-    model, rate, frames = settings.model or DEFAULT_MODEL, settings.rate, getattr(settings, "frames", None)
-    folders, clocks, noise = settings.files, _clocks(settings), noise_of_settings(settings)
+    noise = noise_of_settings(settings)
     refine, mend = ("calibration" not in settings.keep), ("detections" not in settings.keep)
-    given = calibration_of(settings)
-    known = {record.name: record for record in given.cameras}
-    people, told = read_sources(folders, known, settings.detector, settings.layout)
-    markers = body_builder(model)(None).tree.marker_names
-    check_markers(people[0], markers)
-    check_inputs([known[name] for name in folders], people, clocks)
-    records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
-    cameras = cameras_of_records(records)
-    (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
-    step = FrameRange.parse(frames).step
-    chosen = associate_person(cameras, people, pace := clocks.rate / step, settings.person)
+    read = _read(settings)
+    people, records, pace, cameras = read.people, read.records, read.pace, cameras_of_records(read.records)
+    chosen = associate_person(cameras, people, pace, settings.person)
+    markers = body_builder(read.model)(None).tree.marker_names
     bodies = [with_markers(found, markers) for found in people]
     points, confidence = points_of(bodies, chosen)
-    records, up_note = _with_z_up(given, records, points, confidence, markers)
+    records, up_note = _with_z_up(read.given, records, points, confidence, markers)
     cameras = cameras_of_records(records)
     sizes = np.array([record.size for record in records], float)
     far = MIN_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
@@ -92,24 +87,79 @@ def scene_of_keypoints(settings: PersonSettings) -> KeypointScene:
     leaping, points = points, despike(points, far)
     num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
-    size, body = _sized_body(model, settings.stature, settings.lengths, places)
-    errors = _errors(body, cameras, points, places)
-    spread = noise_of_points(noise, body, cameras, errors.scale, places, confidence)
+    size, body = _sized_body(read.model, settings.stature, settings.lengths, places)
+    errors, own = _errors(body, cameras, points, places), point_errors(cameras, points, confidence, pace)
+    known_noise = own if noise is None else noise
+    spread = noise_of_points(known_noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
     data = PointData(points, spread, faults=faults)
-    source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
-    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
+    source = ", ".join(str(each) for each in settings.files.values() if not isinstance(each, DetectedPeople))
+    scene = Scene(body, cameras, tuple(settings.files), data, read.numbers, settings.rate and pace, source)
     wrong = calibration_notes(places, body.tree.marker_names)
-    seen = (confidence, sizes, (*told, *unit_notes, up_note, *wrong, *clock_notes))
+    seen = (confidence, sizes, (*read.notes, up_note, *wrong, *read.clock_notes))
     detector_errors = noise if isinstance(noise, DetectorErrors) else None
     found = KeypointScene(
-        scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size
+        *(scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size),
+        *(own, read.model),
     )
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
 
 
+class _Read(NamedTuple):
+    """Detections of all people by all cameras, in common frames.
+
+    Attributes:
+        given: The calibration.
+        records: The cameras, mm.
+        people: Detections of each camera.
+        numbers: (T,) of the frames.
+        pace: Frames a second of these, those of the assumed rate where none is known.
+        model: Builder of the body.
+        notes: On the files and the unit.
+        clock_notes: On the clocks.
+    """
+
+    given: Calibration
+    records: list[CameraRecord]
+    people: list[DetectedPeople]
+    numbers: Integers
+    pace: float
+    model: str
+    notes: list[str]
+    clock_notes: list[str]
+
+
+def _read(settings: PersonSettings) -> _Read:
+    """Read the files of all cameras, and bring them to common frames."""
+    folders, clocks, frames = settings.files, _clocks(settings), getattr(settings, "frames", None)
+    given = calibration_of(settings)
+    known = {record.name: record for record in given.cameras}
+    people, reading_notes = read_sources(folders, known, settings.detector, settings.layout)
+    model = settings.model or model_of_points(_found_markers(people))
+    check_markers(people[0], body_builder(model)(None).tree.marker_names)
+    check_inputs([known[name] for name in folders], people, clocks)
+    records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
+    (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras_of_records(records), people, clocks, frames)
+    pace = clocks.rate / FrameRange.parse(frames).step
+    return _Read(given, records, people, numbers, pace, model, [*reading_notes, *unit_notes], clock_notes)
+
+
+def people_of_keypoints(settings: PersonSettings, most: int) -> int:
+    """How many people, at most ``most``, two cameras or more see in a fair share of the frames.
+
+    Args:
+        settings: As for :func:`scene_of_keypoints`; its person is not read.
+        most: Largest number; the search ends there.
+
+    Raises:
+        InputError: As :func:`scene_of_keypoints`.
+    """
+    read = _read(settings)
+    return num_people(associate_people(cameras_of_records(read.records), read.people, read.pace), most)
+
+
 def _clocks(settings: PersonSettings) -> Clocks:
-    """What settings tell of the cameras' clocks."""
+    """Known clocks of the cameras, from the settings."""
     known = settings.cameras.items()
     rates = {name: camera.rate for name, camera in known if camera.rate is not None}
     offsets = {name: camera.offset for name, camera in known if camera.offset is not None}
@@ -117,7 +167,7 @@ def _clocks(settings: PersonSettings) -> Clocks:
 
 
 def noise_of_settings(settings: PersonSettings) -> DetectorErrors | float | None:
-    """What settings tell of the points' noise; None if the data are to tell.
+    """Noise of the points from the settings; None if it is to be estimated.
 
     Raises:
         InputError: The file of a detector's errors cannot be used.
@@ -141,15 +191,15 @@ def _sized_body(
 def _in_mm(
     given: Calibration, records: list[CameraRecord], people: Sequence[DetectedPeople], clocks: Clocks
 ) -> tuple[list[CameraRecord], list[str]]:
-    """The cameras in mm, by the person's size where the calibration does not tell its unit, and what is to be told of that."""
+    """The cameras in mm, by the person's size where the calibration has no unit, and notes about this."""
     if given.unit is not None:
         return records, []
     if len(records) == 1:
         return records, [UNKNOWN_UNIT]
     names = [record.name for record in records]
     records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
-    told = f"the calibration's unit is {unit.name}, in which the person is about {unit.stature:.2f} m tall ("
-    return records, [Phrase(told, Argument("unit"), " sets another)")]
+    text = f"the calibration's unit is {unit.name}, in which the person is about {unit.stature:.2f} m tall ("
+    return records, [Phrase(text, Argument("unit"), " sets another)")]
 
 
 def _with_z_up(
@@ -163,11 +213,16 @@ def _with_z_up(
 
 
 def noise_of_points(
-    known: DetectorErrors | float | None, body: Body, cameras: Cameras, measured: Floats, places: Floats, confidence: Floats
+    known: DetectorErrors | PointErrors | float | None,
+    body: Body,
+    cameras: Cameras,
+    measured: Floats,
+    places: Floats,
+    confidence: Floats,
 ) -> Floats:
-    """Standard deviations (T, C, K), px: the detector's; or those known or measured, and more for less confidence."""
+    """Standard deviations (T, C, K), px: the detector's or the recording's; or those known, more for less confidence."""
     sure = np.clip(confidence, MIN_CONFIDENCE, 1.0)  # what is less is not seen
-    if isinstance(known, DetectorErrors):
+    if isinstance(known, DetectorErrors | PointErrors):
         return known.noise(cameras, body.tree.marker_names, places, sure)
     spread = noise_of(body, cameras, known)
     if known is None:
@@ -176,7 +231,7 @@ def noise_of_points(
 
 
 def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> RefinedCameras | None:
-    """The cameras with small errors of their poses mended; None where too few points are seen by two cameras."""
+    """The cameras with small errors of their poses corrected; None where too few points are seen by two cameras."""
     places = triangulate(cameras, points, confidence)
     if np.isfinite(places).all(-1).sum() < MIN_RESIDUALS:
         return None
@@ -185,13 +240,13 @@ def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) 
 
 
 def _errors(body: Body, cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
-    """What remains of the cameras' points, or is assumed of a single one's."""
+    """Noise and bias of the cameras' points, assumed for a single camera."""
     errors, alone = camera_errors(cameras, points, places), points.shape[1] == 1
     return errors._replace(scale=np.array([noise_in_one_camera(body, cameras, points)])) if alone else errors
 
 
 def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
-    """Of the frames in which a camera sees someone, the share in which one of its detections was chosen."""
+    """Share of the frames with detections in a camera in which one of them was chosen."""
     sees = np.stack([np.isfinite(found.points).any((1, 2, 3)) for found in people], 1)
     return np.asarray((sees & (chosen >= 0)).sum(0) / np.maximum(sees.sum(0), 1))
 
@@ -199,6 +254,13 @@ def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
 def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
     """The points' numbers by the names of a body's markers."""
     return markers_of_names(found.names)
+
+
+def _found_markers(people: Sequence[DetectedPeople]) -> set[str]:
+    """Names of the markers that some camera found in :data:`MIN_FOUND` of the frames, with a confidence that counts."""
+    found = [(each.confidence >= MIN_CONFIDENCE) & np.isfinite(each.points).all(-1) for each in people]
+    any_of = np.any([seen.any(1).mean(0) >= MIN_FOUND for seen in found], 0)
+    return {name for name, number in _markers_of(people[0]).items() if any_of[number]}
 
 
 def check_markers(found: DetectedPeople, markers: Sequence[str]) -> None:

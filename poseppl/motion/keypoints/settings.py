@@ -6,9 +6,21 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from poseppl.errors import Argument, InputError, Phrase
-from poseppl.motion.settings import Builder, CameraFiles, File, Frames, Noise, Seconds, Stature, Within, at_least
+from poseppl.motion.settings import (
+    Builder,
+    CameraFiles,
+    File,
+    Frames,
+    Noise,
+    Seconds,
+    Settings,
+    Stature,
+    TrackSettings,
+    Within,
+    at_least,
+)
 
-Layout = Literal["coco17", "coco18", "body25", "body25b", "halpe26", "mediapipe33"]
+Layout = Literal["coco17", "coco23", "coco18", "body25", "body25b", "halpe26", "mediapipe33"]
 """Those of :mod:`poseppl.motion.io.keypoint_layouts`."""
 Detector = Literal[
     "openpose",
@@ -27,20 +39,21 @@ Detector = Literal[
 
 @dataclass(frozen=True)
 class PersonSettings(CameraFiles):
-    """What recordings and live folders of a person's keypoints share.
+    """Settings that recordings and live folders of a person's keypoints share.
 
     Attributes:
-        detector: What wrote the files. Default: found from their content.
-        layout: Which points they have. Default: found from the points.
-        person: Whom to track: 1 is the person who is seen best, 2 the next.
+        detector: Program that wrote the files. Default: detected from their content.
+        layout: Names and order of the points. Default: detected from the points.
+        person: Person to track: 1 is the one who is seen best, 2 the next.
         stature: Height of the person, mm, whose segments are in proportion. Default: segments are measured by several cameras;
             any adult's in one.
         lengths: File of segment lengths that are known, mm: lines such as thigh = 435.0. Default: none.
-        model: Body to track, package.module:builder or FILE.py:builder. Default: poseppl_models.bodies.choo_fleet:full_body.
+        model: Body to track, package.module:builder or FILE.py:builder. Default: poseppl_models.bodies.footed:footed_body for
+            points with heels and toes, poseppl_models.bodies.choo_fleet:full_body for others.
         noise: Standard deviation of the points as a fraction of the focal length, or the file of the detector's errors by
-            keypoint and confidence that poseppl calibrate-detector writes. Default: measured in each camera; it grows as the
-            root of the confidence falls.
-        keep: What is taken as it is, and not corrected: frame numbers (clocks), the cameras' poses (calibration), and the
+            keypoint and confidence that poseppl calibrate-detector writes. Default: estimated in the recording, by keypoint,
+            camera and confidence, from by how much the rays of several cameras miss each other.
+        keep: Inputs to use without correction: frame numbers (clocks), the cameras' poses (calibration), and the
             detector's points, sides and identities (detections). Default: all are corrected, and each correction is reported.
     """
 
@@ -80,12 +93,12 @@ class KeypointSettings(PersonSettings):
 class LiveSettings(PersonSettings):
     """How folders are followed that a detector is writing a person's keypoints to, one file a frame.
 
-    Frames of the same number are of one time, and left and right are the detector's.
+    Frames with the same number are simultaneous, and left and right are the detector's.
 
     Attributes:
-        start: The first frames with a person, s, in which size, noise and first pose are found.
-        wait: How long a camera's file is waited for once another camera has the frame, s.
-        idle: How long no frame has come for when the run ends, s.
+        start: Length of the first frames with a person, s, from which size, noise and first pose are estimated.
+        wait: Longest wait for a camera's file after another camera has the frame, s.
+        idle: The run ends after so long without a new frame, s.
     """
 
     start: Seconds = 1.0
@@ -98,3 +111,13 @@ class LiveSettings(PersonSettings):
         if self.detector not in (None, "openpose", "mmpose"):
             problem = f"live folders have one file a frame, not those of {self.detector}"
             raise InputError(problem, field=Argument("detector"), expected="openpose or mmpose")
+
+
+_OF_A_FILTER = ("filter", "options", "prior", "devices", "history_mib", "chunk", "on_failure")
+"""Settings that only a filter reads; it runs where one is not as usual."""
+
+
+def smoothed_at_once(source: Settings, settings: TrackSettings) -> bool:
+    """Whether a recording is smoothed without a filter: keypoints of several cameras, where no setting asks for a filter."""
+    several, usual = isinstance(source, KeypointSettings) and len(source.files) > 1, TrackSettings()
+    return several and all(getattr(settings, name) == getattr(usual, name) for name in _OF_A_FILTER)

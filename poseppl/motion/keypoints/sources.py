@@ -12,10 +12,13 @@ from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.detections import check_different, without_strays
+from poseppl.motion.io.keypoint_layouts import plain_name
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.keypoints.clock_offsets import Offsets, coarse_offsets, synchronize
 from poseppl.motion.keypoints.clocks import Aligned, Clock, align
+from poseppl.motion.keypoints.limb_continuity import limb_pairs, proposed_swaps
 from poseppl.motion.keypoints.people import LARGEST_DISTANCE, associate_person
+from poseppl.motion.points.swaps import exchanged
 from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 
 MIN_OFFSET, SURE = 0.5, 3.0
@@ -27,11 +30,11 @@ LARGEST_RATIO = 50.0
 _DAY = 86400.0
 """Seconds; times that begin later are those of a clock, not of a recording."""
 _FEW = 0.5
-"""A camera that sees someone in a smaller share of its frames is told of."""
+"""A camera that sees someone in a smaller share of its frames is reported."""
 
 
 class Clocks(NamedTuple):
-    """What is known of the cameras' clocks.
+    """Known clocks of the cameras.
 
     Attributes:
         rate: Frames a second of the recording.
@@ -57,11 +60,11 @@ def read_sources(
     Args:
         sources: Files or folders by the names of their cameras, or what was read of them.
         records: Cameras by name.
-        detector: What wrote them; found from their content if None.
+        detector: Program that wrote them; detected from their content if None.
         layout: Which points these are; found from them if None.
 
     Returns:
-        What each camera saw, and what the user should know of it.
+        The detections of each camera, and notes for the user.
 
     Raises:
         InputError: A camera is unknown, a file cannot be read, or they have different points.
@@ -76,7 +79,7 @@ def read_sources(
             found = read_keypoints(source, detector, layout=layout, size=size, camera=name, cameras=tuple(records))
         found, note = without_strays(found, size, name)
         people.append(found)
-        notes += [f"{name}: {told}" for told in found.notes] + note
+        notes += [f"{name}: {each}" for each in found.notes] + note
         check_confidences(name, found)
         seen = np.isfinite(found.points).any((1, 2, 3)).mean()
         sure = found.confidence[np.isfinite(found.points).all(-1)]
@@ -157,20 +160,20 @@ def _start_of_times(names: Sequence[str], people: Sequence[DetectedPeople], rate
 
 
 def align_roughly(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[DetectedPeople]:
-    """What cameras saw in common frames, by what is known of their clocks."""
+    """Detections of the cameras in common frames, according to their known clocks."""
     return align(people, own_clocks(tuple(names), people, clocks)).people
 
 
 def common_frames(
     names: Sequence[str], cameras: Cameras, people: Sequence[DetectedPeople], clocks: Clocks, frames: str | None
 ) -> tuple[Aligned, list[str]]:
-    """Bring cameras to common frames; offsets of their clocks that are not known are sought, and told.
+    """Bring cameras to common frames; unknown offsets of their clocks are estimated and reported.
 
     Args:
         names: C names of cameras.
         cameras: The cameras.
-        people: What each saw, in its own frames.
-        clocks: What is known of the clocks.
+        people: Detections of each camera in its own frames.
+        clocks: Known clocks.
         frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
 
     Raises:
@@ -187,11 +190,24 @@ def common_frames(
 
 
 def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Sequence[Clock], rate: float) -> Offsets | None:
-    """Frames of the recording by which cameras are late beside what their clocks tell; None where it cannot be told.
+    """Frames of the recording by which cameras are late, beyond their clocks; None where it cannot be estimated.
+
+    The search starts from whole frames, and from no offsets. The more precise result is kept: at a wrong shift, such as a
+    stride of a walk or another person's, rays miss each other by more, or hardly move.
+    """
+    coarse = coarse_offsets(cameras, align(people, clocks).people)
+    starts = [np.zeros(len(people)), coarse][: 1 + bool(coarse.any())]
+    found = [each for start in starts if (each := _offsets_from(start, cameras, people, clocks, rate)) is not None]
+    return min(found, key=lambda each: float(each.deviation.mean()), default=None)
+
+
+def _offsets_from(
+    start: Floats, cameras: Cameras, people: Sequence[DetectedPeople], clocks: Sequence[Clock], rate: float
+) -> Offsets | None:
+    """Offsets found from whole frames.
 
     The person is chosen with cameras whose clocks agree to half a frame, which takes a second round where they did not.
     """
-    start = coarse_offsets(cameras, align(people, clocks).people)
     found = None
     for _ in range(_ROUNDS):
         shifted = [clock._replace(offset=clock.offset + own * clock.ratio) for clock, own in zip(clocks, start, strict=True)]
@@ -202,7 +218,9 @@ def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Seq
             points, confidence = points_of(aligned, chosen)
         except InputError:  # nobody is seen by two cameras: what follows says so
             return None
-        beside = synchronize(cameras, points, confidence, rate)
+        pairs = list(limb_pairs([plain_name(name) for name in aligned[0].names]).values())
+        swaps = proposed_swaps(cameras, points, confidence, pairs, rate)
+        beside = synchronize(cameras, exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs), rate)
         if beside is None:
             return found
         found = Offsets(start + beside.frames, beside.deviation)

@@ -40,8 +40,8 @@ class SeenFrames(NamedTuple):
 
     Attributes:
         records: C cameras.
-        people: What each saw.
-        clocks: What is known of their clocks.
+        people: Detections of each camera.
+        clocks: Known clocks.
     """
 
     records: Sequence[CameraRecord]
@@ -78,8 +78,8 @@ def check_inputs(records: Sequence[CameraRecord], people: Sequence[DetectedPeopl
 
     Args:
         records: C cameras.
-        people: What each saw, in its own frames.
-        clocks: What is known of their clocks.
+        people: Detections of each camera in its own frames.
+        clocks: Known clocks.
 
     Raises:
         InputError: They do not; the message names the option that corrects it.
@@ -141,8 +141,8 @@ def check_sizes(seen: SeenFrames) -> None:
         names, calibrated = ", ".join(seen.names[c] for c in doubted), _text(seen.records[doubted[0]].size)
         expected = Phrase("points in px of the calibrated size, or")
         for c in doubted:
-            told = Argument("camera", f"{seen.names[c]}:size={_text(_times(seen.records[c].size, scale))}")
-            expected = Phrase(expected, " ", told)
+            size = Argument("camera", f"{seen.names[c]}:size={_text(_times(seen.records[c].size, scale))}")
+            expected = Phrase(expected, " ", size)
         raise InputError(
             f"the points of {names} are those of pictures {scale:.3g} times as wide and high as the calibrated ones of "
             f"{calibrated} px, in which rays meet {usual / tried[scale]:.2g} times as well",

@@ -58,8 +58,8 @@ def baum_welch(
         sequences: Features (T, eta) of each recording.
         num_states: N.
         num_rounds: Rounds of Baum-Welch, at most.
-        seed: Of k-means and of the transition matrix.
-        advance: Is told of rounds that are done.
+        seed: Seed of k-means and of the transition matrix.
+        advance: Receives the number of finished rounds.
 
     Raises:
         PosepplError: hmmlearn or scikit-learn are not installed.
@@ -124,7 +124,7 @@ def _clusters(cluster: Any, features: Floats, count: int, seed: int, variances: 
 
 
 def _monitor(trained: Any, advance: Callable[[int], None]) -> Any:
-    """A monitor of convergence that keeps the log-likelihoods of all rounds and tells of each."""
+    """A monitor of convergence that keeps the log-likelihoods of all rounds and reports each."""
 
     class Monitor(type(trained.monitor_)):  # type: ignore[misc]
         rounds: list[float]

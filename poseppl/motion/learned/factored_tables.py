@@ -19,7 +19,7 @@ from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 
 NUM_BINS = 120
-"""Of a turn: 3 degrees each."""
+"""Number of cells of a turn: 3 degrees each."""
 STAYS = 0.5
 """w, ours."""
 _LAYOUT = 2
@@ -92,7 +92,7 @@ def read_factored_tables(path: FilePath) -> FactoredTables:
     """
     data = read_netcdf(path, expected=_EXPECTED, max_bytes=_MAX_BYTES).to_dataset()
     if data.attrs.get("poseppl_factored_tables") != _LAYOUT:
-        raise InputError("it holds no tables of this version", file=path, expected=_EXPECTED)
+        raise InputError("it has no tables of this version", file=path, expected=_EXPECTED)
     for name, dims in _DIMS.items():
         if name not in data or data[name].dims != dims or not np.isfinite(data[name].values).all():
             raise InputError("missing, not finite, or of other dimensions", file=path, field=name, expected=" x ".join(dims))

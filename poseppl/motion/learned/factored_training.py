@@ -36,7 +36,7 @@ MEMORY = 0.2
 _REACH = 2.5
 """Spreads within which a frame of the recording has a say."""
 _PERIODS = (0.7, 1.7)
-"""Of a walk, two steps, seconds: least and largest."""
+"""Shortest and longest period (two steps) of a walk, seconds."""
 
 
 def train_factored_motion(
@@ -52,7 +52,7 @@ def train_factored_motion(
     """Learn the tables.
 
     Args:
-        poses: Of one person who walks straight on (T, d), mm and radians; at least two periods.
+        poses: Poses of one person who walks straight on (T, d), mm and radians; at least two periods.
         coordinates: Joint and axis of each of the d coordinates.
         rate: Frames a second, of the poses and of the tables; velocities do not depend on it.
         num_phases: M.

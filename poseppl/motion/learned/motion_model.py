@@ -1,11 +1,11 @@
 r"""A learned activity: what Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348, sections 4 and 5) train.
 
-Of a body's d coordinates L are learned, the others free: the root's six and the head's three. The learned angles are
+L of a body's d coordinates are learned; the root's six and the head's three are free. The learned angles are
 
     epsilon ~ mean + \bar\epsilon + \Phi f   (Eq. 1),       f = \Phi^T (epsilon - mean - \bar\epsilon)   (Eq. 2),
 
-with each person's own mean angles, or for an unknown person the average of them, and the features f (eta,) are what a hidden
-Markov model of N states emits: s_t ~ A[s_(t-1)], f_t ~ N(mu_s, Sigma_s).
+with each person's own mean angles, or for an unknown person the average of them. The features f (eta,) are emissions of a
+hidden Markov model with N states: s_t ~ A[s_(t-1)], f_t ~ N(mu_s, Sigma_s).
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class MotionModel(NamedTuple):
         step_scale: Root mean square change of each coordinate from a frame to the next (d,), mm and radians.
         largest_step: Largest such change (d,).
         limits: Least and largest value of each coordinate (d, 2); infinite for the root's.
-        log_likelihoods: Of the training data after each round of Baum-Welch.
-        provenance: What it was trained on: files, frames, settings, versions.
+        log_likelihoods: Log-likelihood of the training data after each round of Baum-Welch.
+        provenance: Record of its training: files, frames, settings, versions.
     """
 
     body: str
@@ -96,8 +96,8 @@ class MotionModel(NamedTuple):
     def residuals(self, person: str | None = None) -> tuple[Floats, Floats]:
         """How far the angles of a person stay from :meth:`angles`, and for how long.
 
-        Of an unknown person also how far its mean is from the average, as the persons' means are; what it does otherwise lasts
-        for :data:`MEMORY`.
+        For an unknown person this includes the distance of its mean from the average, as the persons' means have it. Other
+        deviations last for :data:`MEMORY`.
 
         Returns:
             Standard deviations (L,) in radians, and correlations from a frame to the next (L,), below 1.

@@ -75,7 +75,7 @@ def read_motion_model(path: FilePath) -> MotionModel:
         body, rate, provenance = str(data.attrs["body"]), float(data.attrs["rate"]), json.loads(data.attrs["provenance"])
         names = {dim: tuple(str(name) for name in data.indexes[dim]) for dim in ("coordinate", "person")}
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"it does not tell what it is of: {error}", file=path, expected=_EXPECTED) from error
+        raise InputError(f"its content is unknown: {error}", file=path, expected=_EXPECTED) from error
     if not isinstance(provenance, dict) or not 0 < rate < 1e6:
         raise InputError(f"{rate:g} frames a second", file=path, field="rate", expected="a positive number")
     model = MotionModel(

@@ -29,8 +29,8 @@ class PosedRecording(NamedTuple):
         coordinates: Names of the d coordinates.
         root: Name of the joint that the body hangs on.
         rate: Frames a second.
-        person: Whom it is of: recordings of one person share its mean pose.
-        source: Where it came from.
+        person: Its person: recordings of one person share a mean pose.
+        source: Its file.
         residual: Mean distance (mm) of the markers from those of the states.
     """
 
@@ -90,8 +90,8 @@ def pose_recording(recording: Recording, model: str, rate: float | None = None) 
     step = frames_between(motion.rate, motion.rate if rate is None else rate, motion.source)
     subject = fit_subject(slice_frames(motion, FrameRange(step=step)), load_builder(model))
     tree = subject.body.tree
-    told = tree.coordinate_names, tree.joint_names[0], subject.rate
-    return PosedRecording(subject.states, *told, person, motion.source, float(subject.residual or 0.0))
+    labels = tree.coordinate_names, tree.joint_names[0], subject.rate
+    return PosedRecording(subject.states, *labels, person, motion.source, float(subject.residual or 0.0))
 
 
 def frames_between(rate: float, wanted: float, source: str) -> int:

@@ -20,8 +20,8 @@ def plot_states(model: MotionModel, sequences: Sequence[tuple[str, Floats]], *, 
     Args:
         model: The model, of two components at least.
         sequences: Person and features (T, eta) of each recording.
-        num_frames: Of the sequence that is emitted.
-        seed: Of that sequence.
+        num_frames: Number of frames of the sequence that is emitted.
+        seed: Seed of that sequence.
 
     Raises:
         ValueError: The model has a single component.

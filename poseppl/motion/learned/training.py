@@ -1,7 +1,7 @@
 """Training a model of an activity from poses (Darby, Li and Costen 2008, sections 4, 5 and 7).
 
-The root's and the head's coordinates are taken out, each person's mean angles subtracted, principal components found of what
-is left, and a hidden Markov model of their weights is trained, each recording a sequence. Beyond the paper, the model keeps
+The root's and the head's coordinates are taken out, and each person's mean angles subtracted. A hidden Markov model is trained
+on the weights of the principal components of the rest; each recording is a sequence. Beyond the paper, the model keeps
 how far the angles stay from the components and for how long, and what each coordinate does from frame to frame.
 """
 
@@ -34,7 +34,7 @@ class TrainingSettings(NamedTuple):
         num_components: eta.
         num_states: N.
         num_rounds: Rounds of Baum-Welch, at most.
-        seed: Of k-means and of the transition matrix that training starts from.
+        seed: Seed of k-means and of the transition matrix that training starts from.
         free: Joints that are not learned; the root and those of :data:`HEADS` that the body has if None.
     """
 
@@ -55,10 +55,10 @@ def train_motion_model(
     """Train a model of an activity.
 
     Args:
-        recordings: Of one body at one rate.
+        recordings: Recordings of one body at one rate.
         model: Builder of the body, for the record.
         settings: How; the paper's if None.
-        advance: Is told of rounds of Baum-Welch that are done.
+        advance: Receives the number of finished rounds of Baum-Welch.
 
     Raises:
         ValueError: A setting is below 1.

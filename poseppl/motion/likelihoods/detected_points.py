@@ -5,8 +5,8 @@
     project(cameras(c), markers(tree(l), p) + s) + lasting e
 
 of a pose p, shifts s, errors e, and, where they are not exact, errors of segment lengths l and of the cameras' poses c. The
-derivative by all of them is put together from the geometric Jacobian and a few directions in which one point moves: reverse
-mode would go through the whole body once for each number that the detector gives.
+derivative by all of them is assembled from the geometric Jacobian and a few directions in which one point moves. Reverse mode
+would go through the whole body once for each number of the detector.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ def erring(cameras: Cameras, errors: Array) -> Cameras:
 
 
 class DetectedPoints(dist.Normal):  # type: ignore[misc]
-    """Points of K markers in C cameras, with errors that last; the value has batch shape (C, K, 2).
+    """Points of K markers in C cameras, with autocorrelated errors; the value has batch shape (C, K, 2).
 
     Args:
         tree: The body.
         cameras: C cameras.
         pose: Shape (d,).
         shift: How far markers are beside their joints (K, 3), mm.
-        error: Errors that last, in units of ``lasting`` (C, K, 2).
+        error: Autocorrelated errors, in units of ``lasting`` (C, K, 2).
         lasting: Their standard deviation (C, K), in the cameras' image units.
         scale: That of the noise (C, K).
         lengths: Errors of segment lengths (L,), mm, or of shape (0,).

@@ -1,8 +1,9 @@
 """Distances from the occluding edges of a body's parts to the nearest edges in images, batch last.
 
-Where a part's side is seen against something of another colour, there is an edge in the image: along the silhouette, and, what
-the silhouette does not tell, where an arm passes before the trunk. Points on both straight sides of each part are looked up in
-a map of distances to the image's edges, cut off at some pixels: a side that is hidden, or shows no contrast, counts as much.
+The side of a part seen against another colour is an edge in the image: along the silhouette and also, unlike in the
+silhouette, where an arm passes before the trunk. Points on both straight sides of each part are looked up in a map of distances
+to the image's edges. Distances are cut off at some pixels, which is also the value of a side that is hidden or without
+contrast.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from poseppl.motion.geometry.outlines import limb_corners
 from poseppl.motion.likelihoods.distance_maps import at_points
 
 FRACTIONS = (0.2, 0.5, 0.8)
-"""Where along each side it is asked how far the next edge is."""
+"""Fractions of each side at which the distance to the next edge is looked up."""
 SAMPLES = 2 * len(FRACTIONS)
 
 
@@ -35,10 +36,10 @@ def edge_distances(
     Args:
         cameras: C cameras, leaves (C, ..., N or 1).
         flesh: Sizes of P parts.
-        parts: Where they are, leaves (P, ..., N).
+        parts: Their positions and axes, leaves (P, ..., N).
         edges: Distances to the nearest edge (C, H, W, 1), px of the image.
         scale: Pixels of the maps to one of the image (C, 1).
-        fractions: Of the sides, from base to tip.
+        fractions: Fractions of the sides, from base to tip.
     """
     corners = limb_corners(cameras, flesh, parts)  # (C, P, 4, 2, N): base, tip, tip, base
     share = jnp.asarray(fractions)[:, None, None]

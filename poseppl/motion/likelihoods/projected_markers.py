@@ -29,8 +29,8 @@ from poseppl.motion.geometry.kinematics import (
 from poseppl.motion.geometry.tree import KinematicTree
 
 _FUSE_FROM = 4096
-"""Batch size from which a likelihood without gradient is one fused loop: it runs ten times faster on large batches, but takes
-seconds to compile, which small ones do not earn back."""
+"""Batch size from which a likelihood without gradient is one fused loop. The loop is ten times as fast on large batches, but
+takes seconds to compile, which small batches do not recover."""
 
 
 class ProjectedMarkers(dist.Normal):  # type: ignore[misc]

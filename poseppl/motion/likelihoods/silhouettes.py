@@ -41,7 +41,7 @@ from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.motion.likelihoods.part_edges import FRACTIONS as EDGE_FRACTIONS, SAMPLES, edge_distances
 
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
-"""Where along each part's axis it is asked whether the part sticks out."""
+"""Fractions of each part's axis at which the part is checked for sticking out."""
 _CHUNK = 32
 _GROSS = 4.0
 """Standard deviations of the noise beyond which a residual counts no more."""
@@ -77,7 +77,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         flesh: Its parts.
         cameras: C cameras.
         state: Shape (d,).
-        seen: What was seen.
+        seen: The observed silhouettes.
         noise: Standard deviation of the distances (C,), px.
     """
 
@@ -205,7 +205,7 @@ def _outline_wrenches(
     chosen = _chosen((parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls), nearest)
 
     def residual(part: Any, camera: Any, point: Array) -> Array:
-        """Of one point (2, N) and one part in one camera."""
+        """Residual of one point (2, N) and one part in one camera."""
         lens, noise = camera
         return _saturated(part_distances(project_parts(lens, *_alone(flesh, part)), point[None, None]), noise)
 
@@ -224,7 +224,7 @@ def _edge_wrenches(cameras: tuple[Cameras, Array, Array, Array], flesh: Flesh, p
     sample = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (cameras_too, count * SAMPLES)), (fraction, second))
 
     def residual(part: Any, camera: Any, sample: tuple[Array, Array]) -> Array:
-        """Of one point of one part's sides in one camera."""
+        """Residual of one point on one part's sides in one camera."""
         (lens, noise, edges, scale), (fraction, second) = camera, sample
         sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
         return _saturated(jnp.where(second, sides[:, :, 1], sides[:, :, 0]), noise)
@@ -245,8 +245,8 @@ def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[Array
     Args:
         residual: `(part, camera, datum) -> residual`, the camera with a leading axis of 1.
         parts: Axes, base and sizes, leaves (C, K, ..., N or 1).
-        cameras: What belongs to a camera, leaves (C, ...).
-        data: What belongs to a residual, leaves (C, K, ...).
+        cameras: Data of each camera, leaves (C, ...).
+        data: Data of each residual, leaves (C, K, ...).
     """
     (axes, base), sizes = parts[:2], parts[2:]
     single = jax.tree.map(lambda leaf: leaf[:, None], cameras)
@@ -258,7 +258,7 @@ def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[Array
 
 
 def _chosen(leaves: Any, part: Array) -> Any:
-    """Of leaves (P, ..., N or 1) those of the parts (C, K, N): (C, K, ..., N)."""
+    """Select the parts (C, K, N) from leaves (P, ..., N or 1): (C, K, ..., N)."""
 
     def choose(leaf: Array) -> Array:
         number = part.reshape(*part.shape[:2], *(1,) * (leaf.ndim - 2), part.shape[2])

@@ -33,7 +33,7 @@ from poseppl.motion.tracking.track import versions
 from poseppl.motion.tracking.walk import ASSUMED_RATE, UNKNOWN_RATE
 
 FEW = 0.4
-"""Share of frames without any point above which a camera is told of."""
+"""Share of frames without any point above which a camera is reported."""
 
 
 def read_point_recording(settings: PointSettings) -> PointRecording:
@@ -53,7 +53,7 @@ def read_point_recording(settings: PointSettings) -> PointRecording:
     for camera, path in files.items():
         read = read_keypoints(path, settings.detector, size=known[camera].size, camera=camera, cameras=tuple(known))
         found[camera], strays = without_strays(read, known[camera].size, camera)
-        notes += [f"{camera}: {told}" for told in read.notes] + strays
+        notes += [f"{camera}: {note}" for note in read.notes] + strays
     check_different(found)
     names = next(iter(found.values())).names if skeleton is None else skeleton.points
     for camera, people in found.items():
@@ -71,7 +71,7 @@ def read_point_recording(settings: PointSettings) -> PointRecording:
     chosen = np.asarray(numbers)[part]
     tables = [_of_names(people, names, chosen, row) for people, row in zip(found.values(), rows, strict=True)]
     for camera, (points, _) in zip(files, tables, strict=True):
-        notes += _told_of_gaps(camera, points, chosen, held[camera])
+        notes += _notes_on_gaps(camera, points, chosen, held[camera])
     cameras = [known[name] for name in files]
     return PointRecording(
         tuple(names),
@@ -99,7 +99,7 @@ def skeleton_of(settings: PointSettings) -> Skeleton | None:
 
 
 def _individual(found: Mapping[str, DetectedPeople], camera: str, person: int, path: FilePath) -> int:
-    """Where a camera's file has the individual of that number in the file that names most."""
+    """Index in a camera's file of the individual with that number in the file that names most."""
     names, most = found[camera].individuals, max((people.individuals for people in found.values()), key=len)
     count = max(people.points.shape[1] for people in found.values())
     if person > count:
@@ -107,7 +107,7 @@ def _individual(found: Mapping[str, DetectedPeople], camera: str, person: int, p
     if count == 1:
         return 0
     if len(most) < count:
-        problem = f"{count} in a frame, and no names that tell who is who in the next one"
+        problem = f"{count} in a frame, without names to identify them in the next one"
         raise InputError(
             problem, file=path, field=Argument("files"), expected="one animal, or several that are tracked by name"
         )
@@ -126,16 +126,16 @@ def _of_names(people: DetectedPeople, names: Sequence[str], numbers: Any, person
     return points, confidence
 
 
-def _told_of_gaps(camera: str, points: Floats, numbers: Integers, held: set[int]) -> list[str]:
+def _notes_on_gaps(camera: str, points: Floats, numbers: Integers, held: set[int]) -> list[str]:
     """Frames that a camera's file lacks, or in most of which nothing was found."""
     missing = [number for number in numbers.tolist() if number not in held]
-    told = []
+    notes = []
     if missing:
-        told.append(f"{camera}: its file lacks {len(missing)} of {len(numbers)} frames, from {missing[0]} to {missing[-1]}")
+        notes.append(f"{camera}: its file lacks {len(missing)} of {len(numbers)} frames, from {missing[0]} to {missing[-1]}")
     empty = 1 - np.isfinite(points).all(-1).any(-1).mean()
     if empty > FEW:
-        told.append(f"{camera}: nothing was found in {empty:.0%} of {len(numbers)} frames")
-    return told
+        notes.append(f"{camera}: nothing was found in {empty:.0%} of {len(numbers)} frames")
+    return notes
 
 
 def result_of_points(
@@ -144,10 +144,10 @@ def result_of_points(
     """The result of a smoothing; see :mod:`poseppl.runs.results`. Its state are the points' coordinates, mm.
 
     Args:
-        recording: What was smoothed.
+        recording: The smoothed recording.
         tracks: Its smoothing.
         edges: Pairs of points that are drawn as lines.
-        seed: Of the draws.
+        seed: Seed of the draws.
     """
     places = tracks.places.astype(np.float32)
     images = [np.moveaxis(np.asarray(project(recording.cameras, jnp.asarray(place))), 0, 1) for place in places]

@@ -1,8 +1,8 @@
 """The params of a detector and of its points' motion, from the recording: where its evidence and their prior are largest.
 
-First the detector's, with points that may be anywhere in each frame: its errors are what the cameras do not agree upon. Then
-the motion's, under these. Sought together, errors that last would take up whatever the points do that their motion's program
-does not foresee, and that all cameras agree upon.
+The detector's are fitted first, with points that may be anywhere in each frame: errors are then what the cameras disagree on.
+The motion's follow, given these. Fitted together, autocorrelated errors would absorb movement that all cameras agree on but
+the motion's program does not predict.
 
 The evidence is Laplace's (:mod:`poseppl.smoothers.laplace_evidence`), its ascent BFGS's in coordinates in which the prior is
 standard normal. Nothing but what the cameras saw goes in: neither truth nor cameras that are held out.
@@ -29,6 +29,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.curvature import find_mode
 from poseppl.smoothers.laplace_evidence import laplace_evidence
+from poseppl.stored_programs import stored_jit
 
 OF_A_POINT = ("log_scale", "log_speed")
 """Params of which each point has its own."""
@@ -41,7 +42,7 @@ MODE_STEPS, NEAR_STEPS = 5, 2
 NUM_DRAWS = 20
 """Draws of the detector's params."""
 _DIFFERENCE = 0.03
-"""Of params whose prior is standard normal, for the curvature of the evidence."""
+"""Step of params with a standard normal prior, for the curvature of the evidence."""
 _ANYWHERE = 100.0
 """How far a point goes from frame to frame that may be anywhere, px."""
 _FARTHEST, _REACH = 5.0, 1.5
@@ -78,7 +79,7 @@ def fit_points(
         problem: The problem.
         known: Params of the detector that are not sought.
         num_draws: D.
-        seed: Of the draws.
+        seed: Seed of the draws.
         num_rounds: Rounds of each ascent.
         num_steps: Its steps in each.
     """
@@ -125,9 +126,9 @@ class _Ascent:
         of = self.problem
         u = jnp.asarray(self.at(v))
         value, gradient = value_and_gradient(of.model, of.whole, u, self.mode(v, states), of.observations, of.inputs)
-        told = np.asarray(gradient)[self.free] * self.scale
-        sound = bool(np.isfinite(value)) and bool(np.isfinite(told).all())
-        return (-float(value), -told) if sound else (_WORST, np.zeros_like(told))
+        slope = np.asarray(gradient)[self.free] * self.scale
+        sound = bool(np.isfinite(value)) and bool(np.isfinite(slope).all())
+        return (-float(value), -slope) if sound else (_WORST, np.zeros_like(slope))
 
     def climb(self, num_rounds: int, num_steps: int) -> Floats:
         """The likeliest v; in a round all states are sought from the same ones."""
@@ -172,8 +173,8 @@ def points_mode(
     tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], _NO_CLUTTER)}
     nearly = inputs._replace(freedom=_GAUSSIAN * jnp.ones_like(inputs.freedom))
     states = problem.start
-    for told, each in ((tame, nearly), (tame, inputs), (dict(params), inputs)):
-        states = _modes(model, num_steps, told, states, observations, each)
+    for start, each in ((tame, nearly), (tame, inputs), (dict(params), inputs)):
+        states = _modes(model, num_steps, start, states, observations, each)
     return states
 
 
@@ -190,7 +191,7 @@ def params_by_point(params: Mapping[str, Array]) -> tuple[dict[str, Array], dict
     return split, {name: 0 if name in OF_A_POINT else None for name in params}
 
 
-@partial(jit, static_argnums=(0, 1))
+@partial(stored_jit, num_static=2, lightly=False)
 def _modes(
     model: CompiledModel,
     num_steps: int,

@@ -59,8 +59,8 @@ def linked_draws(
         found: Their params, the likeliest and D draws.
         mode: Their states (K, T, d) under the likeliest.
         skeleton: The links.
-        num_draws: S; draw s is under the draw of the params that :func:`~poseppl.motion.points.fit.under_draws` tells.
-        seed: Of the draws.
+        num_draws: S; draw s belongs to the draw of the params that :func:`~poseppl.motion.points.fit.under_draws` returns.
+        seed: Seed of the draws.
     """
     groups = []
     for number, members in enumerate(components(len(skeleton.points), skeleton.links)):
@@ -146,8 +146,8 @@ def _draws(
 ) -> tuple[Array, Array]:
     """Draws (S, T, k, 3) of positions, and (S, L) of lengths, around a mode (T, d)."""
 
-    def told(drawn: Array) -> tuple[Array, Array]:
+    def summary_of(drawn: Array) -> tuple[Array, Array]:
         return places_of(model, drawn), jnp.mean(jax.vmap(model.to_sites)(drawn)["length"], 0)
 
-    places, lengths = draws_about(model.with_params(params), num_draws, rng_key, mode, observations, inputs, told)
+    places, lengths = draws_about(model.with_params(params), num_draws, rng_key, mode, observations, inputs, summary_of)
     return places, lengths

@@ -1,7 +1,7 @@
 """The inference problem of named points in calibrated cameras, each point by itself: geometry in pixels, inputs, first guesses.
 
-The programs are those of ``poseppl_models.bodies.named_points``. They count lengths in pixels at the points,
-from the middle of these, so that priors suit a fly as well as a horse, whatever the unit of the calibration is.
+The programs are those of ``poseppl_models.bodies.named_points``. They count lengths in pixels, from the
+middle of the points. So priors suit a fly as well as a horse, in any unit of the calibration.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _START_SCALE = 3.0
 
 
 class PointRecording(NamedTuple):
-    """What a detector found of K points in C cameras over T frames.
+    """Detections of K points in C cameras over T frames.
 
     Attributes:
         names: K names.
@@ -44,8 +44,8 @@ class PointRecording(NamedTuple):
         frames: (T,) ascending frame numbers.
         times: (T,) ascending, s.
         rate: Frames a second; None where unknown.
-        source: Where it came from.
-        notes: What the user should know of it.
+        source: Its files.
+        notes: Notes for the user.
     """
 
     names: tuple[str, ...]
@@ -61,7 +61,7 @@ class PointRecording(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def of_cameras(self, chosen: Sequence[int]) -> PointRecording:
-        """What some of the cameras saw."""
+        """The detections of some of the cameras."""
         index = np.asarray(chosen)
         return self._replace(
             camera_names=tuple(self.camera_names[c] for c in chosen),
@@ -106,8 +106,8 @@ class PointProblem(NamedTuple):
 
     Attributes:
         frame: Its coordinates.
-        model: Of a single point, its params to be set.
-        whole: Of all points, whose parameters program is the prior.
+        model: Model of a single point; its params are to be set.
+        whole: Model of all points; its parameters program is the prior.
         observations: Data with leading axes K and T.
         inputs: With leading axes K, where :data:`BY_POINT` says so, and T.
         start: First guess (K, T, d) of the states.

@@ -15,8 +15,8 @@ class PointSettings(CameraFiles):
     Attributes:
         skeleton: File of the points that are wanted, and of links and left and right pairs of them; in Python also a Skeleton.
             Default: all points of the files, not linked.
-        detector: What wrote the files: deeplabcut, sleap or another that names its points. Default: found from their content.
-        person: Which of the individuals that the files name, by its name in all of them, counted from 1.
+        detector: Program that wrote the files: deeplabcut, sleap or another that names its points. Default: detected.
+        person: Number of the individual, from 1, in the order of the file that names most.
         frames: Frames A:B:C of those that any file has: A to B - 1 in steps of C, counted from 0. Default: all.
         max_draws: Draws of all trajectories.
         seed: Seed of the draws.

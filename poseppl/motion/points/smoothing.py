@@ -67,11 +67,11 @@ def smooth_points(
     """Smooth points, each by itself where no skeleton links them.
 
     Args:
-        recording: What was found.
+        recording: The detections.
         skeleton: Links between its points, which are in the same order.
         known: Params of the detector that are not sought in the recording.
         num_draws: S.
-        seed: Of the draws.
+        seed: Seed of the draws.
 
     Raises:
         InputError: No point is seen by two cameras at a time.
@@ -112,9 +112,9 @@ def smooth_points(
 
 
 def seen_points(problem: PointProblem, params: Mapping[str, Array], mode: Array) -> SeenPoints:
-    """Where the cameras see points in their states (K, T, d), with what is wrong with them there."""
-    told = _told(problem.model, dict(params), mode, problem.inputs)
-    seen, scale, odds = (np.moveaxis(np.asarray(told[name])[:, :, :, 0], 0, 2) for name in ("seen", "scale", "log_odds"))
+    """Predict the image points of states (K, T, d), with the detector's errors there."""
+    predicted = _predicted(problem.model, dict(params), mode, problem.inputs)
+    seen, scale, odds = (np.moveaxis(np.asarray(predicted[name])[:, :, :, 0], 0, 2) for name in ("seen", "scale", "log_odds"))
     return SeenPoints(seen, scale, odds, np.asarray(problem.inputs.window[0]))
 
 
@@ -183,12 +183,12 @@ def _draws(
 
 
 @partial(jit, static_argnums=0)
-def _told(model: CompiledModel, params: dict[str, Array], mode: Array, inputs: PointInputs) -> dict[str, Array]:
-    """What the programs tell of states (K, T, d), each (K, T, C, 1, ...)."""
+def _predicted(model: CompiledModel, params: dict[str, Array], mode: Array, inputs: PointInputs) -> dict[str, Array]:
+    """The programs' deterministic sites at states (K, T, d), each (K, T, C, 1, ...)."""
     split, axes = params_by_point(params)
 
     def one(params: Any, xs: Array, inputs: PointInputs) -> dict[str, Array]:
         return jax.vmap(model.with_params(params).extras)(xs, inputs)
 
-    told: dict[str, Array] = jax.vmap(one, in_axes=(axes, 0, BY_POINT))(split, mode, inputs)
-    return told
+    sites: dict[str, Array] = jax.vmap(one, in_axes=(axes, 0, BY_POINT))(split, mode, inputs)
+    return sites

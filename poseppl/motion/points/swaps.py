@@ -5,9 +5,9 @@ Whether the points of a pair of limbs are exchanged in a camera's picture is a M
     P(s_0 = 1) = SHARE,    P(s_t = 1 | s_(t-1) = 0) = SHARE (1 - k),    P(s_t = 1 | s_(t-1) = 1) = SHARE + (1 - SHARE) k,
 
 k = exp(-elapsed / LASTS). Given where the points are, it is summed out exactly, by forward filtering and backward smoothing.
-Data are Student-t around where the points are seen, mixed with clutter. Where an exchange is more likely than not it is undone,
-and the points are smoothed anew: one step of expectation maximisation, which suffices where most frames are right, for what is
-exchanged now and then counts as clutter at first, and does not lead the points away.
+Data are Student-t around where the points are seen, mixed with clutter. An exchange with a probability above 0.5 is undone,
+and the points are smoothed again. This is one step of expectation maximisation. It suffices where most frames are right:
+rare exchanges count as clutter at first, and do not lead the points away.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from poseppl.arrays import Floats
 from poseppl.motion.points.named_points import FREEDOM
 
 SHARE, LASTS = 0.02, 0.1
-"""Of the time in which limbs are exchanged, and for how many seconds they stay so; ours."""
+"""Share of the time in which limbs are exchanged, and how many seconds they stay so; our choice."""
 
 Pair = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the left and of the right points of two limbs."""
 
 
 class SeenPoints(NamedTuple):
-    """Where points are seen, and how far what is found may be from that.
+    """Predicted image points, and how far detections may be from them.
 
     Attributes:
         images: (T, C, K, 2) px.
@@ -67,8 +67,8 @@ def swap_probabilities(points: Floats, seen: SeenPoints, pairs: Sequence[Pair], 
     """Probabilities (T, C, P) that the limbs of each pair are exchanged.
 
     Args:
-        points: (T, C, K, 2) as they were found, NaN where they were not.
-        seen: Where they are seen.
+        points: Detections (T, C, K, 2), NaN where there is none.
+        seen: Their predicted image points.
         pairs: P pairs of limbs.
         elapsed: (T,) seconds since the frame before; the first is not read.
     """

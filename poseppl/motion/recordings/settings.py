@@ -32,7 +32,7 @@ class RecordingSettings(Settings):
         recording: Motion capture file: .bvh, .c3d or .trc; .amc, or .txt of DeepMimic or exponential maps, with a skeleton.
             Default: a built-in walk.
         skeleton: Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps. Default: none.
-        names: File that says which points of the recording are which markers, where its names are unusual: lines such as
+        names: File that maps markers to points of the recording, for unusual names: lines such as
             knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several. Default: found from the names.
         lengths: File of segment lengths that are known, mm: lines such as thigh = 435.0. Default: measured.
         model: Body to track, package.module:builder or FILE.py:builder. Default: poseppl_models.bodies.choo_fleet:full_body;
@@ -41,9 +41,9 @@ class RecordingSettings(Settings):
             built-in walk.
         rate: Frames a second, where the file does not say. Default: 120 for .amc and exponential maps, otherwise 30.
         scale: Millimetres a unit of a .bvh file. Default: found from the skeleton's height.
-        up: Axis that points up in a .bvh, .c3d or .trc file. Default: along which the head is above the feet;
-            it is reported.
-        camera: File of calibrated cameras, in our own form or anipose's. Default: cameras are placed around the subject.
+        up: Axis that points up in a .bvh, .c3d or .trc file. Default: the axis along which the head is
+            above the feet; it is reported.
+        camera: File of calibrated cameras, poseppl's or anipose's. Default: cameras are placed around the subject.
         cameras: How many cameras are placed, 1 to 4, each at a right angle to the one before. Default: 1.
         camera_distance: Distance of placed cameras from the subject's path, mm. Default: 5000.
         view: Direction from which the first placed camera sees the walk, degrees: 90 the right side, 0 the front, 180 the back.
@@ -85,7 +85,7 @@ class ObservationSettings(Settings):
     Attributes:
         observations: Table of 2-D points, .csv: columns frame, marker, x, y, and where wanted camera and confidence; absent
             rows are missing markers.
-        camera: File of the calibrated cameras, in our own form or anipose's.
+        camera: File of the calibrated cameras, poseppl's or anipose's.
         frames: Frames A:B:C of the table: A to B - 1 in steps of C, counted from 0. Default: all.
         rate: Frames a second. Default: 30, which is reported.
         noise: Standard deviation of the points as a fraction of the focal length. Default: the body's, 0.003.

@@ -16,7 +16,7 @@ def film_subject(folder: FilePath, subject: MovingSubject, setting: Setting, **o
     Args:
         folder: The folder, which does not exist yet.
         subject: Whose truth is written.
-        setting: What is rendered.
+        setting: The rendered scene.
         options: Noise, lossless and advance, as :func:`poseppl.motion.rendering.write_scene` takes them.
 
     Raises:

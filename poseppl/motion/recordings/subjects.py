@@ -23,7 +23,7 @@ WALK_FRAMES = 60
 WALK_RATE = 30.0
 LONGEST_WALK = 100_000
 _TURNED_SECONDS = 2.0
-"""Of the walk at least, by whose direction it is laid along a circle, however few frames of it are asked for."""
+"""Shortest stretch of the walk whose direction lays it along a circle, however few frames are asked for."""
 
 
 def walking_subject(
@@ -153,7 +153,7 @@ def turned(motion: Motion, radius: float, model: str = DEFAULT_MODEL, names: Fil
 
     Args:
         motion: The walk.
-        radius: Of the circle, mm; positive turns left.
+        radius: Radius of the circle, mm; positive turns left.
         model: Builder of the body whose root, a marker, is found among the motion's points.
         names: Which points are which markers, where the names are unusual.
 

@@ -1,7 +1,7 @@
 """The body that is rendered: a clothed person of capsules and ellipsoids, hung on a motion's points frame by frame.
 
-It is nobody's body model: there are no angles and no physics. Every segment is a MuJoCo mocap body whose z axis runs from one
-point to another and whose x axis leans to the person's right, so that for an upright segment y is forward. Thicknesses differ
+It is nobody's body model: there are no angles and no physics. Every segment is a MuJoCo mocap body. Its z axis runs from one
+point to another. Its x axis leans to the person's right, so that y is forward for an upright segment. Thicknesses differ
 from person to person by the seed, as clothes and builds do.
 
 Lengths in here are millimetres; MuJoCo's are metres, and the XML is written in these.
@@ -30,7 +30,7 @@ class Shape(NamedTuple):
     Attributes:
         material: Its material.
         axes: Half axes (x, y, z) in mm of an ellipsoid, or the radius (r,) of a capsule, at scale 1.
-        place: Where along the segment: the centre of an ellipsoid, or the two ends of a capsule; 0 to 1.
+        place: Position along the segment: the centre of an ellipsoid, or the two ends of a capsule; 0 to 1.
         shift: How far the centre is moved along x and y, mm at scale 1.
     """
 
@@ -168,7 +168,7 @@ def dress_figure(points: Mapping[str, Floats], seed: int = 0) -> Figure:
 
     Args:
         points: As :func:`poseppl.motion.rendering.points.figure_points` completes them.
-        seed: Of the thicknesses; left and right of a body have the same.
+        seed: Seed of the thicknesses; left and right of a body have the same.
     """
     rng = np.random.default_rng([seed, 1])
     factors: dict[str, Floats] = {}
@@ -190,7 +190,7 @@ def figure_xml(figure: Figure) -> str:
 
 
 def figure_pose(figure: Figure, frame: int) -> tuple[Floats, Floats]:
-    """Where the segments are in a frame.
+    """Positions and orientations of the segments in a frame.
 
     Args:
         figure: The figure.

@@ -43,7 +43,7 @@ def place_furniture(room: Room, path: Floats, seed: int = 0) -> tuple[Piece, ...
     Args:
         room: The room.
         path: (N, 2) mm, where any part of the person will be.
-        seed: Of the places.
+        seed: Seed of the positions.
 
     Returns:
         The pieces that found a place; a room full of path has none.

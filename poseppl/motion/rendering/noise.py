@@ -54,7 +54,7 @@ def expose(picture: Pixels, noise: SensorNoise, seed: int, camera: int, frame: i
     Args:
         picture: (H, W, 3) red, green, blue.
         noise: How bad the camera is.
-        seed: Of the random numbers.
+        seed: Seed of the random numbers.
         camera: 0-based number of the camera.
         frame: 0-based number of the frame.
     """

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import Array, edges, mean_points, some_draws
+from poseppl.diagnostics.selection import Array, some_draws
 from poseppl.errors import FilePath, InputError, brief
 from poseppl.motion.io import Video, write_video
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.text_parsing import some
+from poseppl.motion.poses import edges, mean_points
 from poseppl.runs.contents import frame_numbers, names_of
 
 MAX_SAMPLES = 12
@@ -50,7 +51,7 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
 
 
 def write_overlay(path: FilePath, tree: xr.DataTree, video: Video, advance: Callable[[int], None] = lambda frames: None) -> int:
-    """Write the overlay of a camera as a video, whole or not at all; the number of its frames, each of which is told."""
+    """Write the overlay of a camera as a video, whole or not at all, and report each frame. Returns the number of frames."""
 
     def frames() -> Iterator[Image]:
         for image in overlay_frames(tree, video):

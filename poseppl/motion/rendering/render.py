@@ -27,7 +27,7 @@ class Stage:
     """A setting, ready to be drawn. It holds an OpenGL context: use it as ``with Stage(setting) as stage``.
 
     Args:
-        setting: What is drawn.
+        setting: The scene to draw.
         beads: How many small balls can be shown besides.
 
     Raises:
@@ -80,9 +80,16 @@ class Stage:
         """Pixels (H, W) that would show the person if there were no furniture."""
         return self._mask(camera, FIGURE_GROUP, figure=True, furniture=False)
 
-    def occluder(self, camera: int) -> Mask:
-        """Pixels (H, W) that show furniture in the empty room: nobody behind it is seen there."""
-        return self._mask(camera, FURNITURE_GROUP, figure=False, furniture=True)
+    def occluder(self, camera: int) -> Pixels:
+        """Furniture in the empty room, (H, W): 255 and down, a value for each piece, and 0 elsewhere.
+
+        A person behind it is hidden there, one before it is not.
+        """
+        geoms = self._segments(camera, self._choice(figure=False, furniture=True))
+        own = self._group == FURNITURE_GROUP
+        bodies: Integers = np.array(self._model.geom_bodyid, np.int64)
+        piece = np.searchsorted(np.unique(bodies[own]), bodies[geoms])
+        return np.where((geoms >= 0) & own[geoms], 255 - piece, 0).astype(np.uint8)
 
     def beads(self, camera: int, places: Sequence[Sequence[float]] | Floats) -> Integers:
         """Show balls at places (B, 3) in mm, alone: for each pixel (H, W) the number of the ball, -1 for none."""

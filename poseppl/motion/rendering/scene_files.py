@@ -1,6 +1,6 @@
 """A rendered scene as a folder of files, written whole or not at all.
 
-    scene.toml                   what it was made of
+    scene.toml                   its settings
     Calib.toml                   the cameras, as poseppl.motion.io.read_cameras has them
     truth.csv                    true places of the markers, as poseppl.motion.io.read_places has them
     camera_1.mp4                 what a camera saw, lossy
@@ -8,10 +8,10 @@
     camera_1_visible.npz         where the person was seen: keys masks (packed bits) and shape
     camera_1_whole.npz           where the person would have been seen without furniture
     camera_1_background.png      the empty room, furniture included, through the same camera without noise
-    camera_1_occluder.png        where furniture is seen in the empty room, white: what is behind it is hidden
+    camera_1_occluder.png        where furniture is seen in the empty room: nearly white, a gray for each piece; black elsewhere
 
-A pixel of ``whole`` that is not in ``visible`` is hidden by furniture. Image points have their origin in the centre of the
-first pixel, as in OpenCV.
+A pixel of ``whole`` that is not in ``visible`` is hidden by furniture. The occluder does not say that: a person before the
+furniture is seen there. Image points have their origin in the centre of the first pixel, as in OpenCV.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Truth(NamedTuple):
         rate: Frames a second.
         names: K names of markers.
         places: (T, K, 3) mm; NaN where unknown.
-        source: Where the motion comes from.
+        source: Source of the motion.
     """
 
     frames: Integers
@@ -58,7 +58,7 @@ class Truth(NamedTuple):
 
 
 def _nothing(*_: object) -> None:
-    """Nobody is told."""
+    """Report nothing."""
 
 
 def write_scene(
@@ -75,11 +75,11 @@ def write_scene(
 
     Args:
         path: The folder, which does not exist yet.
-        setting: What is rendered, T frames.
+        setting: The scene to render, T frames.
         truth: Its truth, T frames.
-        noise: Of the sensors; the usual one if None. Its seed is the setting's.
+        noise: Noise of the sensors; the usual one if None. Its seed is the setting's.
         lossless: Whether every frame is written as PNG, too.
-        advance: Told the number of frames that were rendered since the last call.
+        advance: Receives the number of frames rendered since the last call.
         besides: Writes more files into the folder before it gets its name.
 
     Raises:
@@ -106,7 +106,7 @@ def _write_empty(folder: Path, setting: Setting, stage: Stage, noise: SensorNois
     for number, camera in enumerate(setting.cameras):
         plate = expose_long(stage.picture(number, person=False), noise, setting.seed, number)
         write_image(folder / f"{camera.name}_background.png", plate)
-        write_image(folder / f"{camera.name}_occluder.png", 255 * stage.occluder(number).astype(np.uint8))
+        write_image(folder / f"{camera.name}_occluder.png", stage.occluder(number))
 
 
 def _write_frames(

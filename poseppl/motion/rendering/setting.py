@@ -29,9 +29,9 @@ class Setting(NamedTuple):
     Attributes:
         figure: The person in motion, T frames.
         room: The room.
-        furniture: What stands in it; nothing without clutter.
+        furniture: Its furniture; none without clutter.
         cameras: C calibrated cameras, without distortion, their principal point in the middle.
-        seed: Of surfaces, clothes, build and places.
+        seed: Seed of surfaces, clothes, build and positions.
     """
 
     figure: Figure
@@ -72,7 +72,7 @@ def build_setting(
         cameras: How many corners of the room have a camera, 1 to 4.
         size: Width and height of the images in pixels, even numbers.
         focal: Focal length in pixels; that of a horizontal field of view of 70 degrees if None.
-        seed: Of surfaces, clothes, build and the furniture's places.
+        seed: Seed of surfaces, clothes, build and the furniture's positions.
 
     Raises:
         InputError: A joint is missing or an argument is out of range.

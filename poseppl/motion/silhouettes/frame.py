@@ -20,7 +20,7 @@ from poseppl.motion.vision.contours import contour_points
 Mask = NDArray[np.uint8]
 OnFailure = Literal["continue", "stop"]
 _NEXT = 5.0
-"""Largest distance from an edge that is told apart, px of the map."""
+"""Distances from an edge are cut off at so many px of the map."""
 
 
 class SilhouetteSettings(NamedTuple):
@@ -31,7 +31,7 @@ class SilhouetteSettings(NamedTuple):
         noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
             segmentation do not agree on, raised because neighbouring points err alike.
         map_size: The longer side of a distance map, px; images are reduced to it.
-        truncation: Largest distance that is told apart, px of the map.
+        truncation: Distances are cut off at so many px of the map.
         edges: Whether edges within the silhouette count, where there are images.
     """
 
@@ -62,7 +62,7 @@ class SilhouetteFrame(NamedTuple):
 
 def silhouette_frame(
     mask: NDArray[Any],
-    occlusion: Mask | None,
+    occlusion: NDArray[Any] | None,
     record: CameraRecord,
     number: int,
     settings: SilhouetteSettings,
@@ -72,9 +72,10 @@ def silhouette_frame(
 
     Args:
         mask: (H, W), not 0 on the person.
-        occlusion: (H, W), not 0 where a person would not be seen; None if there is no such place.
+        occlusion: (H, W), not 0 where something may hide the person; None for nowhere. There, pixels on the person count as
+            seen, and others say nothing; see :func:`~poseppl.motion.vision.contours.contour_points` for its edges.
         record: The calibrated camera.
-        number: Of the frame, for messages.
+        number: Number of the frame, for messages.
         settings: The settings.
         on_failure: "continue" with a ``VideoWarning`` where the mask is empty or full, or "stop".
 
@@ -99,7 +100,7 @@ def silhouette_frame(
     blind = np.zeros_like(person) if occlusion is None else (occlusion != 0).astype(np.uint8)
     scale = map_scale(record, settings)
     size = (round(width * scale), round(height * scale))
-    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))
+    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person))
     distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
     labels = np.where(seen, 1, np.where(blind, -1, 0)).astype(np.int8)
     return SilhouetteFrame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)

@@ -1,4 +1,4 @@
-"""How well a body's silhouette agrees with those that were seen, and how those moved: what a result tells of silhouettes."""
+"""How well a body's silhouette agrees with those that were seen, and how those moved."""
 
 from __future__ import annotations
 

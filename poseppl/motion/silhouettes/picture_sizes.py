@@ -22,20 +22,22 @@ _BLOCK = 16
 def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
     """The record of a camera whose pictures have another width and height, px, than its calibration says.
 
-    Pictures that lack a few of the last columns or rows, which encoders cut off, or have a few more, which encoders pad to
-    whole blocks, are taken as they are: a ``VideoWarning``.
+    Encoders cut off a few of the last columns or rows, or pad to whole blocks. Such pictures are used unchanged, with a
+    ``VideoWarning``.
 
     Raises:
         InputError: They differ by more.
     """
     if size == record.size:
         return record
-    told = f"the pictures have {size[0]} x {size[1]} pixels, the calibration {record.size[0]} x {record.size[1]}"
+    sizes = f"the pictures have {size[0]} x {size[1]} pixels, the calibration {record.size[0]} x {record.size[1]}"
     if not all((1 - _CUT) * whole <= side < whole + _BLOCK for side, whole in zip(size, record.size, strict=True)):
         expected = "pictures of the calibrated size; scale the videos, or the calibration's size and matrix"
-        raise InputError(told, field=f"camera {record.name}", expected=expected)
+        raise InputError(sizes, field=f"camera {record.name}", expected=expected)
     how = "padding" if any(side > whole for side, whole in zip(size, record.size, strict=True)) else "cut off"
-    warnings.warn(f"camera {record.name}: {told}; the last columns or rows are taken to be {how}", VideoWarning, stacklevel=3)
+    warnings.warn(
+        f"camera {record.name}: {sizes}; the last columns or rows are assumed to be {how}", VideoWarning, stacklevel=3
+    )
     return record._replace(size=size)
 
 

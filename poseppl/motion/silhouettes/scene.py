@@ -50,12 +50,12 @@ def silhouette_scene(
     Args:
         body: The body, whose program sees silhouettes.
         records: C calibrated cameras.
-        masks: Of each camera by its name, (T, H, W), not 0 on the person.
-        occlusion: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be
-            left out.
+        masks: Masks (T, H, W) by the camera's name, not 0 on the person.
+        occlusion: Masks (H, W) by the camera's name, not 0 where furniture is that may hide the person. Cameras may be left
+            out. To ignore pixels of `masks`, set them to 0 there and mark them here.
         settings: The settings.
         rate: Frames a second.
-        source: Where the masks come from, for the record.
+        source: Source of the masks, for the record.
 
     Returns:
         The scene. A mask that is empty or full counts as not seen, and is reported as a ``VideoWarning``.
@@ -101,7 +101,7 @@ def scene_of_videos(
         videos: Their videos, by name.
         backgrounds: By name, of the cameras without masks.
         masks: For some cameras, by their names, masks as videos, white on the person; of any size in the camera's proportion.
-        occlusion: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
+        occlusion: As :func:`silhouette_scene` takes it; pixels without evidence from the background are added to it.
         settings: The settings.
         start: The first frame.
         stop: The frame after the last; None for all.
@@ -123,8 +123,8 @@ def scene_of_videos(
         for record in records:
             blind = (occlusion or {}).get(record.name)
             found = _foreground(images, record, backgrounds, given.get(record.name), blind)
-            ignore = found.ignore if blind is None else found.ignore | (blind != 0).astype(np.uint8)
-            seen = silhouette_frame(found.foreground, ignore, record, number, chosen, on_failure)
+            hiding = found.ignore if blind is None else found.ignore + 2.0 * blind  # each keeps its edges
+            seen = silhouette_frame(found.foreground, hiding, record, number, chosen, on_failure)
             edges = edge_map(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
             row.append(seen._replace(edges=edges))
         frames.append(row)

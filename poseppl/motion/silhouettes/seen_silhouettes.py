@@ -22,11 +22,11 @@ class SeenSilhouettes(NamedTuple):
         distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
         scale: Pixels of the maps to one of the image (C,).
         usable: Whether a camera's mask says anything in a frame (T, C).
-        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
+        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where the person may be hidden.
         noise: Standard deviation of distances at the body, mm.
         edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
-        facing: Name of the camera that the person faces at first, if somebody told.
-        found: With what settings the silhouettes were found, by name, for the record.
+        facing: Name of the camera that the person faces at first, where it is known.
+        found: Settings by which the silhouettes were found, for the record.
     """
 
     contour: Floats

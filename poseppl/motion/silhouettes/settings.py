@@ -22,12 +22,12 @@ class VideoSettings(Settings):
         calibration: File of the calibrated cameras. Default: that of a scene's folder; videos need one.
         background: Pictures or clips of the empty scene, named as the cameras or CAMERA=FILE. Default: the background is
             learned from the videos.
-        occlusion: Masks, white where furniture stands before the person, named alike. Default: none.
+        occlusion: Masks, white where furniture is that may hide the person, black elsewhere, named alike. Default: none.
         masks: Masks instead of a background, white on the person, named alike: a video, a folder of pictures, or .npz.
             Default: none.
-        facing: The camera that the person faces at first, roughly; front and back look alike. Default: where the person goes.
+        facing: Camera that the person faces at first, roughly; front and back look alike. Default: the direction of motion.
         silhouette_noise: Standard deviation of a silhouette's distances at the body, mm. Default: 80; with a prior 200.
-        refine: Complete silhouettes by colour where the person looks like the background; some 40 ms a picture.
+        refine: Complete silhouettes by colour where the person looks like the background; about 40 ms per picture.
         edges: Count edges within the silhouettes, too.
         up: Axis of the calibration that points up. Default: Z.
         frames: Frames A:B, A to B - 1 of the videos, counted from 0. Default: all.

@@ -1,8 +1,8 @@
-"""Where tracking in silhouettes starts, if no truth is known.
+"""Find the pose at which tracking in silhouettes starts, where no truth is known.
 
-It starts from the pose that explains the silhouettes of the first usable frame best: least squares on the residuals of
-:class:`poseppl.motion.likelihoods.Silhouettes` and on angles that differ from rest, from several headings at the place that the
-middles of the silhouettes point to.
+It starts from the pose that explains the silhouettes of the first usable frame best. Least squares on the residuals of
+:class:`poseppl.motion.likelihoods.Silhouettes` and on angles relative to the rest pose start from several headings. Their
+position is the point that the rays through the middles of the silhouettes meet.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FRAMES, _EVERY = 4, 10
 
 
 def check_facing(name: str, cameras: Sequence[str]) -> None:
-    """Check that there is the camera which the person is told to face.
+    """Check that the camera which the person faces exists.
 
     Raises:
         InputError: There is none of this name.
@@ -50,7 +50,7 @@ def seek_silhouette(scene: Scene[Any], params: Mapping[str, float]) -> Floats:
     """Find a state (d,) to start from in the first frame that most cameras see.
 
     Raises:
-        InputError: No frame has a silhouette, or there is no camera of the name that was told.
+        InputError: No frame has a silhouette, or no camera has the given name.
     """
     count = scene.data.usable.sum(1)
     if not count.max():
@@ -65,9 +65,9 @@ def seek_silhouette(scene: Scene[Any], params: Mapping[str, float]) -> Floats:
 def _turned(search: _Search, scene: Scene[Any], candidates: Sequence[_Found], usable: Any) -> _Found:
     """The best of the candidates, sorted by their costs, that is not turned round.
 
-    A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, it is the
-    best candidate that faces it. Else, of the best candidate and the best one that faces the other way, that which faces where
-    the person goes; of one that stays in place, that which explains later frames better.
+    A silhouette is nearly the same from the front and from the back. If the camera that the person faces is given, the best
+    candidate that faces it is taken. Otherwise the best candidate competes with the best one that faces the other way. The one
+    that faces the direction of motion wins. For a person who stays in place, the one that explains later frames better wins.
     """
     faced = _faced(scene)
     if faced is not None:
@@ -87,7 +87,7 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _faced(scene: Scene[Any]) -> Floats | None:
-    """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
+    """Position on the ground (2,) of the camera that the person faces, mm; None where it is not given."""
     name, names = scene.data.facing, scene.camera_names
     if name is None:
         return None
@@ -146,7 +146,7 @@ class _Search:
         return np.asarray(next(places) - next(places))[:2]
 
     def forward(self, state: Floats) -> Floats:
-        """Where a state faces (2,): along y, turned by its heading."""
+        """Direction (2,) that a state faces: along y, turned by its heading."""
         heading = float(state[self.poses.headings].sum())
         return np.array([-np.sin(heading), np.cos(heading)])
 
@@ -173,7 +173,7 @@ def _data(seen: SeenSilhouettes, frame: int) -> _Data:
 
 
 def _middle(scene: Scene[Any], frame: int, rest: Floats) -> Floats:
-    """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
+    """Guess the root's position (3,): the silhouettes' points are taken for markers spread over the body."""
     body, seen = scene.body, scene.data
     names = body.tree.marker_names
     points = np.full((len(seen.usable[0]), len(names), 2), np.nan)
@@ -201,7 +201,7 @@ def _residuals(
     model = body.compile(inputs(_data(scene.data, 0)), params)
 
     def weights(data: _Data, count: int) -> Array:
-        """Of all residuals: those of the outline first, then those of parts that stick out."""
+        """Weights of all residuals: of the outline first, then of parts that stick out."""
         beyond = jnp.broadcast_to(data.usable[:, None], (len(noise), count // len(noise) - data.on_outline.shape[1]))
         return (jnp.concatenate([data.on_outline, beyond], 1) / (noise * data.wider)[:, None]).ravel()
 

@@ -51,7 +51,7 @@ class VideoSources(NamedTuple):
         videos: Their videos.
         plates: For some cameras, the background plate: pictures of the scene without a person, from which the background is
             learned; for the others it is learned from the video itself.
-        occlusion: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
+        occlusion: For some cameras, a mask (H, W) that is not 0 where furniture is that may hide the person.
         masks: For some cameras, masks of the person as videos, in place of a background.
         truth: The truth, where it is known.
     """
@@ -93,7 +93,7 @@ def sources_of_files(
         videos: Each ``FILE``, whose name without suffix is the camera's, or ``NAME=FILE``; a folder of images is a video.
         calibration: Cameras as TOML; those without a video are left out.
         plates: Pictures or clips of the empty scene, named alike.
-        occlusion: Pictures that are white where furniture hides a person, named alike.
+        occlusion: Pictures that are white where furniture is that may hide the person, black elsewhere, named alike.
         masks: Masks of the person, white on them, as :func:`~poseppl.motion.io.open_masks` opens them, named alike.
         up: The axis of the calibration that points up; Z if None.
 
@@ -184,12 +184,12 @@ def see_silhouettes(
     """Learn the backgrounds and find the silhouettes.
 
     Args:
-        sources: Where the pictures come from.
+        sources: Sources of the pictures.
         model: Builder of the body.
-        stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
-            known, or of the standard subject, if None.
+        stature: Stature of the person, mm, which scales the standard subject's segment lengths. None takes the lengths of the
+            truth, where it is known, or of the standard subject.
         lengths: A TOML file of segment lengths, mm, that are known.
-        settings: Of the silhouettes.
+        settings: Settings of the silhouettes.
         background: How the foreground is found.
         facing: Name of the camera that the person faces at first, if known.
         start: The first frame.
@@ -262,7 +262,7 @@ def read_video_scene(
     """The silhouettes that settings name, as :func:`see_silhouettes` finds them.
 
     Args:
-        settings: Of the silhouettes.
+        settings: Settings of the silhouettes.
         sources: The videos, opened.
         on_failure: As :func:`~poseppl.motion.silhouettes.scene.scene_of_videos` takes it.
         advance: Called with 1 after each frame.
@@ -288,7 +288,7 @@ def read_video_scene(
 
 
 def _found(sources: VideoSources, background: BackgroundSettings | None, facing: str | None) -> dict[str, Any]:
-    """Where the silhouettes come from: cameras with masks or pictures of the empty scene, and how the others are found."""
+    """Record the source of the silhouettes: cameras with masks or pictures of the empty scene, and how the others are found."""
     given = {"masks": sorted(sources.masks), "plates": sorted(sources.plates), "occlusion": sorted(sources.occlusion)}
     settings = (background or BackgroundSettings())._asdict()
     return {**given, "facing": facing, "background": settings if len(sources.masks) < len(sources.records) else None}

@@ -1,12 +1,13 @@
-r"""A person whose stature is not known, seen by one camera: draws of a body of the mean stature become ones of all statures.
+r"""A person of unknown stature, seen by one camera: draws of a body of the mean stature become draws of all statures.
 
-Of a body s times as large and s times as far from the camera all points are where they were. So the points of one camera say
-nothing of s, given the pose of a body of the mean stature, and each draw of a trajectory is moved along the camera's rays,
+A body s times as large and s times as far from the camera has the same points in the picture. So the points of one camera say
+nothing about s, given the pose of a body of the mean stature. Each draw of a trajectory is moved along the camera's rays,
 
     s ~ N(1, (deviation / mean)^2),    root -> c + s (root - c),    markers -> c + s (markers - c),
 
-c being the camera's centre; angles and points stay. That is the posterior where the walk's steps and the start's spread are in
-proportion to the body. A walk in mm would tell s by how far in a frame this person moves, which nobody knows so well.
+c being the camera's centre; angles and points stay. This is the posterior if the walk's steps and the standard deviations of
+the start are proportional to the body. A walk in mm would determine s by the distance that a person moves in a frame, which is
+not known that precisely.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from poseppl.arrays import Floats
 from poseppl.program import CompiledModel
@@ -25,7 +26,7 @@ from poseppl.runs.contents import FLAT, variable
 from poseppl.runs.results import provenance
 
 ATTRIBUTE = "assumed stature"
-"""Of a result: mean and standard deviation, mm, of the stature, where it was assumed."""
+"""Attribute of a result: mean and standard deviation, mm, of an assumed stature."""
 _ROOT = slice(0, 3)
 """The root's place among a tree's coordinates."""
 
@@ -39,7 +40,7 @@ def stature_draws(assumed: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """
     mean, deviation = np.asarray(assumed, np.float64)
     count = int(np.prod(shape))
-    even = scipy.stats.norm.ppf((np.arange(count) + 0.5) / count)
+    even = ndtri((np.arange(count) + 0.5) / count)
     return np.asarray(mean + deviation * np.random.default_rng(0).permutation(even).reshape(shape))
 
 
@@ -105,11 +106,13 @@ def at_mean_stature(tree: xr.DataTree) -> xr.DataTree:
 
 def _assumed(tree: xr.DataTree) -> Floats | None:
     """Mean and standard deviation of the stature that was assumed, in a result of one camera; None for others."""
-    told, cameras = provenance(tree).get(ATTRIBUTE), tree.children.get("camera")
+    recorded, cameras = provenance(tree).get(ATTRIBUTE), tree.children.get("camera")
     usable = (
-        isinstance(told, list) and len(told) == 2 and all(isinstance(each, int | float) and 0 < each < 1e4 for each in told)
+        isinstance(recorded, list)
+        and len(recorded) == 2
+        and all(isinstance(each, int | float) and 0 < each < 1e4 for each in recorded)
     )
-    return np.array(told, np.float64) if usable and cameras is not None and cameras.sizes["camera"] == 1 else None
+    return np.array(recorded, np.float64) if usable and cameras is not None and cameras.sizes["camera"] == 1 else None
 
 
 def _sites_of_root(model: CompiledModel, dimension: int) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.text_parsing import finite_numbers
 
 STATURE = 1750.0
-"""Of the standard subject, mm."""
+"""Stature of the standard subject, mm."""
 POPULATION = (1692.0, 92.0)
 """Mean and standard deviation, mm, of the stature of somebody of whom nothing is known: an adult, as likely a man (1756 +- 69)
 as a woman (1629 +- 64; Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel*, NATICK/TR-15/007)."""

@@ -1,4 +1,4 @@
-"""Where the flesh of a body is at the mean states of a result: the group ``flesh``, which the report draws."""
+"""Positions of the flesh of a body at the mean states of a result: the group ``flesh``, which the report draws."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def with_flesh(tree: xr.DataTree, problem: Problem) -> xr.DataTree:
 
     Args:
         tree: The result.
-        problem: What it solves.
+        problem: The problem that it solves.
 
     Returns:
         The result with ``base``, ``tip`` and ``side`` (frame, part, axis): both ends of each part's axis in mm, and the

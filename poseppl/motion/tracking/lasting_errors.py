@@ -1,16 +1,17 @@
-"""A detector's errors that last, in place of independent ones: the problem of a result, posed with them for its smoothing.
+"""A detector's autocorrelated errors, in place of independent ones: the problem of a result, posed with them for its smoothing.
 
 The programs are those of ``poseppl_models.bodies.detected_points``, found by name. The body walks with velocities, whose scales
-are learned first (:mod:`poseppl.motion.tracking.velocity_learning`): what the errors may explain has to be weighed against how
-this person moves.
+are learned first (:mod:`poseppl.motion.tracking.velocity_learning`), because autocorrelated errors and the person's own motion
+may explain the same data.
 
-A first pose that was sought in the points is not taken for its own prior: its errors are those of the points, which last, and
-what all frames say alike would count once more.
+A first pose that was estimated from the points is not used as the prior. Its errors are those of the points, which are
+autocorrelated, so that the same information would count twice.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,15 +32,49 @@ from poseppl.runs.run import Constant, frame_inputs
 from poseppl.smoothers.base import History
 
 SHIFT, SHIFTS_LAST = 20.0, 2.0
-"""How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
+"""Distance of markers from a skeleton's joints, mm, and its time constant, s; our choice."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
-"""Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
+"""Share of the autocorrelated errors in the variance of a detector's points, and their time constant, s, if the points do not
+determine them; our choice."""
+POINT_ERRORS = "point errors"
+"""Attribute of a result: estimates of its points' errors."""
 REST_SPREAD = 0.5
 """Standard deviation of a first pose's angles about the rest pose, radians; ours."""
 ROOT_PRIOR_SCALE = 10.0
-"""That of the root's place and turn, in units of how well a search tells them."""
+"""Standard deviation of the root's position and orientation, in units of their precision in a search."""
 ROUNDED = 1.0
 """Standard deviation of a length, mm, beside what comes from the places that it was measured in; ours."""
+
+
+class Lasting(NamedTuple):
+    """Errors of points that last.
+
+    Attributes:
+        share: Share of the variance, more than 0 and less than 1.
+        seconds: Their time constant.
+    """
+
+    share: float = ERROR_SHARE
+    seconds: float = ERRORS_LAST
+
+
+def lasting_of(known: Mapping[str, Any]) -> Lasting:
+    """The autocorrelated errors in a result's provenance; the usual ones where it has none.
+
+    Raises:
+        InputError: It is no share or no time.
+    """
+    recorded = known.get(POINT_ERRORS)
+    if recorded is None:
+        return Lasting()
+    try:
+        found = Lasting(float(recorded["share"]), float(recorded["lasts"]))
+    except (KeyError, TypeError, ValueError) as error:
+        problem = "the result's autocorrelated errors are not numbers"
+        raise InputError(problem, field=POINT_ERRORS, expected="share and lasts") from error
+    if not (0 < found.share < 1 and 0 < found.seconds < np.inf):
+        raise InputError(f"{found.share:g} and {found.seconds:g} s", field=POINT_ERRORS, expected="a share and a time above 0")
+    return found
 
 
 def with_ar1_noise(
@@ -48,19 +83,20 @@ def with_ar1_noise(
     rate: float | None,
     camera_covariance: Floats | None = None,
     lengths: MeasuredLengths | None = None,
+    lasting: Lasting | None = None,
 ) -> Problem:
-    """Give a problem of points errors that last, and markers that may be beside their joints.
+    """Give a problem of points autocorrelated errors, and markers that may be beside their joints.
 
     Arguments and errors are those of :func:`ar1_inputs`.
     """
-    inputs = ar1_inputs(problem, frames, rate, camera_covariance, lengths)
+    inputs = ar1_inputs(problem, frames, rate, camera_covariance, lengths, lasting=lasting)
     num_lengths, tree = 0 if lengths is None else len(lengths.per_place), problem.body.tree
     seen: Any = seen_by_detector(
         tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
     )
     model = compile_once(seen.program, frame_inputs(inputs, 0))
-    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
-    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
+    sizes = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
+    return Problem(problem.body, model, problem.observations, inputs, **sizes, num_static=seen.num_static)
 
 
 def ar1_inputs(
@@ -70,33 +106,38 @@ def ar1_inputs(
     camera_covariance: Floats | None = None,
     lengths: MeasuredLengths | None = None,
     start: Floats | None = None,
+    lasting: Lasting | None = None,
 ) -> BodyInputs:
-    """The inputs of a body's programs with errors that last.
+    """The inputs of a body's programs with autocorrelated errors.
 
     Args:
         problem: The problem.
         frames: Its frames' numbers (T,).
         rate: Frames a second; 30 if None.
-        camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
-            taken for exact.
+        camera_covariance: Covariance of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None
+            if the cameras are assumed exact.
         lengths: How the body's lengths were measured, if in the same points; None if they are exact.
         start: Poses (T, d) from which the scales of velocities are learned; those of an extended Kalman smoother if None.
+        lasting: Share of the autocorrelated errors, and their time constant, s; :data:`ERROR_SHARE` and :data:`ERRORS_LAST`
+        if None.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
     """
     given = problem.inputs
     if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
-        raise InputError("errors that last are for points of a whole body", field=Argument("errors"), expected="independent")
-    seconds = time_steps(frames, rate)
+        raise InputError(
+            "autocorrelated errors are for points of a whole body", field=Argument("errors"), expected="independent"
+        )
+    seconds, lasting = time_steps(frames, rate), lasting or Lasting()
     own = with_velocities(problem, seconds, start)
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     errors = LastingErrors(
         shift_scale=Constant(jnp.asarray(SHIFT, float)),
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
-        error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
-        error_kept=jnp.asarray(np.exp(-seconds / ERRORS_LAST), float),
+        error_share=Constant(jnp.asarray(lasting.share, float)),
+        error_kept=jnp.asarray(np.exp(-seconds / lasting.seconds), float),
         length_root=Constant(jnp.asarray(_length_root(lengths, mean_deviation(seconds)), float)),
         per_length=None if lengths is None else Constant(lengths.offsets),
         camera_root=Constant(jnp.asarray(root, float)),

@@ -27,10 +27,11 @@ from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.run import Constant, frame_inputs
 
 STEPS = 2.0
-"""Steps of a random walk, in units of the root mean square of recorded ones (ours): who is tracked may move faster."""
+"""Steps of a random walk, in units of the root mean square of recorded ones (our choice): the tracked person may move
+faster."""
 SILHOUETTE_NOISE = 200.0
-"""Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by how often intervals
-hold of the walks of studies/learned_prior.py in one camera."""
+"""Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by the coverage for the
+walks of studies/learned_prior.py in one camera."""
 
 
 def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, other_motion: bool = True) -> Problem:

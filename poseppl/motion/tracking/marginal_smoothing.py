@@ -15,11 +15,10 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 from poseppl_models.bodies.random_walk import joint_sites
-from scipy.stats import norm
+from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from poseppl.arrays import Floats
-from poseppl.compilation import jit_lightly
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 from poseppl.motion.likelihoods.detected_points import erring, resized
 from poseppl.motion.tracking.seen_body import FRAMES, SeenBody, seen_body
@@ -28,13 +27,14 @@ from poseppl.runs.labels import QUANTILES
 from poseppl.runs.smoothing import SmoothingError, SmoothingRun
 from poseppl.smoothers.base import smoothing_info
 from poseppl.smoothers.marginal_errors import Around, Mode, find_mode, gaussian_around
+from poseppl.stored_programs import stored_jit
 
 NUM_DRAWS = 200
-"""Trajectories that are drawn, unless told otherwise: moments of the state need none."""
+"""Trajectories that are drawn by default: moments of the state need none."""
 _NUMBERS = 2**26
 """In the draws of a trajectory; a long recording has fewer draws."""
 _ROOM = 2**28
-"""Bytes of the draws that are kept, unless told otherwise."""
+"""Bytes of the draws that are stored by default."""
 _LEAST = 20
 """Draws at least."""
 
@@ -54,10 +54,10 @@ def smooth_marginally(
     """Smooth.
 
     Args:
-        inputs: Of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
+        inputs: Inputs of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
         points: (T, C, K, 2) image points, NaN where not seen.
         poses: (T, d) to start from.
-        seed: Of the draws.
+        seed: Seed of the draws.
         num_draws: Trajectories that are drawn; fewer if a recording is long.
         max_draws: How many of them are kept; as many as fit into 256 MiB if None.
         num_mode_steps: Gauss-Newton steps at most.
@@ -76,9 +76,9 @@ def smooth_marginally(
         raise SmoothingError("the smoothed states are not finite: the model breaks down")
     outputs = jax.tree.map(np.asarray, _outputs(body, mode, around, rng, max_draws or _affordable_draws(body, len(poses))))
     info = smoothing_info(len(poses), jnp.asarray(float(num_draws)), num_gradient=mode.num_steps * len(poses))
-    told = {"closed form": True, "joint": True}
+    properties = {"closed form": True, "joint": True}
     seconds, spent = time.perf_counter() - started, time.process_time() - processor
-    return SmoothingRun(outputs, jax.tree.map(np.asarray, info), num_draws, 0.0, seconds, told, spent)
+    return SmoothingRun(outputs, jax.tree.map(np.asarray, info), num_draws, 0.0, seconds, properties, spent)
 
 
 def _affordable_draws(body: SeenBody, num_frames: int) -> int:
@@ -89,7 +89,7 @@ def _affordable_draws(body: SeenBody, num_frames: int) -> int:
 
 
 def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generator, max_draws: int) -> Draws:
-    """What is kept of all frames, as a collector of draws keeps it."""
+    """Outputs of all frames, in the form of a collector of draws."""
     count, width, num_lengths = around.steps.shape[1], body.dimension, len(body.inputs.errors.length_root)
     kept = np.unique(np.linspace(0, count - 1, min(max_draws, count)).astype(int))
     lengths, errors = np.split(around.unchanging, [num_lengths], 1)
@@ -117,12 +117,12 @@ def _kept_of_block(body: SeenBody, drawn: _Drawn, velocities: Floats, kept: Any)
         summary[f"{name}_mean"], summary[f"{name}_sd"] = values.mean(1), values.std(1)
         summary[f"{name}_quantile"] = np.moveaxis(np.quantile(values, QUANTILES, axis=1), 0, 1).astype(np.float32)
     sites = {"state": drawn.poses, "shift": drawn.shifts, "velocity": velocities}
-    told = {name: values[:, None, kept].astype(np.float32) for name, values in sites.items()}
+    draws = {name: values[:, None, kept].astype(np.float32) for name, values in sites.items()}
     for name, values in (("length", drawn.lengths), ("camera_error", drawn.errors)):
         if values.shape[1]:
             same = values[None, None, kept].astype(np.float32)
-            told[name] = np.broadcast_to(same, (len(markers), *same.shape[1:]))
-    return extras, told, summary
+            draws[name] = np.broadcast_to(same, (len(markers), *same.shape[1:]))
+    return extras, draws, summary
 
 
 def _exact_summary(body: SeenBody, mode: Mode, around: Around, spans: dict[str, slice]) -> dict[str, Any]:
@@ -143,12 +143,12 @@ def _exact_summary(body: SeenBody, mode: Mode, around: Around, spans: dict[str, 
         if len(root):
             own = np.broadcast_to(np.linalg.norm(root, axis=1), (len(mode.x), len(root)))
             moments[name] = (np.zeros_like(own), own)
-    told: dict[str, Any] = {}
-    levels = norm.ppf(QUANTILES)
+    summaries: dict[str, Any] = {}
+    levels = ndtri(QUANTILES)
     for name, (mean, own) in moments.items():
         each = mean[:, None] + levels.reshape(-1, *[1] * (mean.ndim - 1)) * own[:, None]
-        told |= {f"{name}_mean": mean, f"{name}_sd": own, f"{name}_quantile": each}
-    return {name: jnp.asarray(values, jnp.float32) for name, values in told.items()}
+        summaries |= {f"{name}_mean": mean, f"{name}_sd": own, f"{name}_quantile": each}
+    return {name: jnp.asarray(values, jnp.float32) for name, values in summaries.items()}
 
 
 def _unseen_shifts(body: SeenBody, num_frames: int, count: int, rng: np.random.Generator) -> Iterator[Floats]:
@@ -176,7 +176,7 @@ def _places_of(body: SeenBody, drawn: _Drawn) -> tuple[NDArray[np.float32], NDAr
     return np.asarray(markers)[:count], np.asarray(points)[:count]
 
 
-@jit_lightly
+@stored_jit
 def _places(tree: KinematicTree, cameras: Cameras, drawn: _Drawn, per_length: KinematicTree | None) -> tuple[Array, Array]:
     def one(poses: Array, shifts: Array, lengths: Array, errors: Array) -> tuple[Array, Array]:
         own = tree if per_length is None else resized(tree, per_length, lengths)

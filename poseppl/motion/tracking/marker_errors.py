@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.calibration import joint_error
+from poseppl.motion.measures import joint_error
 
 _LIMBS = tuple(f"{joint}_{side}" for side in "lr" for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 VIRTUAL_MARKERS = ("pelvis", "neck", "crown", *_LIMBS)
@@ -53,7 +53,7 @@ class MarkerErrors(NamedTuple):
 
 
 class OverRuns(NamedTuple):
-    """Mean and standard deviation over runs of each run's mean; the latter is NaN for a single run."""
+    """Mean and standard deviation over runs of each run's mean; the deviation is NaN for a single run."""
 
     mean: float
     sd: float

@@ -1,11 +1,11 @@
-"""Where a person's markers sit on the body, learned from the recording.
+"""Positions of a person's markers on the body, learned from the recording.
 
 A body of a few rigid parts has joints that are not quite a person's. A filter takes what lies between them for motion, and its
 intervals are too narrow by it (`python -m studies.marker_places`). Here each marker k may sit beside its own place o_k,
 
     o_k + e_k,  e_k ~ N(0, SPREAD^2) along each axis of the part,
 
-and e maximises that prior times the likelihood at a smoother's trajectory, which is found anew in each round: expectation
+and e maximises that prior times the likelihood at a smoother's trajectory, which is found again in each round: expectation
 maximisation with the expected log-likelihood taken at the smoothed mean. Two cameras or more have to see the person: one does
 not tell how deep a marker lies. The places are then taken for certain, so that intervals stay a little too narrow: of
 simulated people whose places are drawn from this prior they hold 88 % (tests/motion/tracking/test_marker_learning.py).
@@ -59,8 +59,8 @@ def learn_markers(scene: Scene[SceneData], params: Mapping[str, float]) -> Scene
     tree = scene.body.tree
     problem = make_problem(_with_tree(scene, tree.with_markers_at(tree.marker_offsets)), params)
     if problem.num_cameras < 2:
-        expected = "fixed, or two cameras, which tell how deep a marker lies"
-        raise InputError("one camera does not tell where markers sit", field=Argument("markers"), expected=expected)
+        expected = "fixed, or two cameras, which determine the depth of a marker"
+        raise InputError("one camera cannot locate markers on the body", field=Argument("markers"), expected=expected)
     try:
         places = _learn(problem)
     except ValueError as error:
@@ -91,7 +91,7 @@ def _learn(problem: Problem) -> Floats:
 
 
 def _minimum(loss: Any, places: Floats) -> Floats:
-    """Where a loss with its gradient is least, from given places (K, 3) on."""
+    """Minimise a loss with its gradient, from given positions (K, 3)."""
 
     def flat(values: Floats) -> tuple[float, Floats]:
         value, gradient = loss(jnp.asarray(values.reshape(places.shape), float))

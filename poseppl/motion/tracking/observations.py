@@ -37,7 +37,7 @@ def observe_motion(
         camera_names: Their names.
         noise: Standard deviation as a fraction of the focal length; the body's own if None.
         missing: Fraction of the points that are not seen, at random.
-        seed: Of the noise.
+        seed: Seed of the noise.
 
     Raises:
         InputError: The noise or the fraction is out of range, or a marker is not in front of a camera.
@@ -76,10 +76,10 @@ def scene_of_observations(
         records: The calibrated cameras.
         model: Builder of the body.
         frames: Range "start:stop:step" of the file's frames, counted from 0; all if None.
-        noise: Standard deviation as a fraction of the focal length; the body's own if None. Where the file tells a
-            confidence, it is divided by the root of that, and points below 0.05 count as not seen.
+        noise: Standard deviation as a fraction of the focal length; the body's own if None. If the file has confidences, the
+            noise is divided by their square roots, and points below 0.05 count as missing.
         rate: Frames a second of the file; None where unknown.
-        stature: Of the person, mm: the segment lengths of the standard subject in proportion.
+        stature: Stature of the person, mm: the segment lengths of the standard subject in proportion.
         lengths: A TOML file of segment lengths, mm, that are known.
 
     Raises:

@@ -22,7 +22,7 @@ class PointData(NamedTuple):
     Attributes:
         points: (T, C, K, 2) image points; NaN where a marker was not seen.
         noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
-        found: What was found of the cameras on the way to the points, for the record of a result; plain values.
+        found: Estimates for the cameras before tracking, for the record of a result; plain values.
         faults: Probabilities that detections were wrong, arrays by name: ``wrong_person`` (T, C), that they are another's, and
             ``swaps`` (T, C, P), that limbs of a pair were exchanged before that was put right.
     """
@@ -34,7 +34,7 @@ class PointData(NamedTuple):
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """What was found; the scene tells where its points come from."""
+        """Those estimates; the scene has the source of its points."""
         return self.found
 
     def first_frames(self, count: int) -> PointData:

@@ -33,6 +33,7 @@ from poseppl.program.memoized_builder import memoized_builder
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of
 from poseppl.runs.frame_sequence import rows_of_inputs
+from poseppl.runs.results import provenance
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
 
@@ -44,10 +45,11 @@ class Problem(NamedTuple):
         model: Its compiled model; of the free coordinates alone, where the others are clamped.
         observations: The scene's data with a leading T.
         inputs: Cameras, noise and start, as :func:`poseppl.runs.run.run_filter` takes them.
-        pose: The body's pose (d,) of a state and the frame's inputs; None where the state is the pose.
-        follows: Of the same, whether the state is of the learned prior, 1 or 0; None without one that may fail to hold.
-        markers: Of the same, the markers (K, 3); None where they are the pose's.
-        cameras: Of the same, the cameras; None where they are the inputs'.
+        pose: The body's pose (d,) from a state and the frame's inputs; None if the state is the pose.
+        follows: From the same, 1 if the state follows the learned prior, else 0; None unless there is such a prior that may be
+            wrong.
+        markers: From the same, the markers (K, 3); None if they are those of the pose.
+        cameras: From the same, the cameras; None if they are those of the inputs.
         num_static: How many of the state's last coordinates do not change.
     """
 
@@ -82,7 +84,7 @@ class Problem(NamedTuple):
         return _collect_poses(self.model, self.pose, self.follows, self.markers, self.cameras, max_draws)
 
     def record(self, frames: slice = slice(None)) -> dict[str, Any]:
-        """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
+        """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem again; cameras left out.
 
         Args:
             frames: Which frames of what changes from frame to frame.
@@ -173,13 +175,13 @@ def make_problem(
     Args:
         scene: The scene.
         params: The programs' params; the body's own if None.
-        start: State (d,) that the first one is a step of the random walk from; the truth where it is known if None. Where it
-            is not, the first state is sought in the data, and less is known of it.
-        mean_reverting: Whether angles come back to how people hold themselves.
+        start: State (d,) one step of the random walk before the first; if None, the true state if it is known. Otherwise the
+            first state is estimated from the data, with a larger standard deviation.
+        mean_reverting: Whether angles revert to the usual posture of people.
 
     Raises:
-        InputError: The body clamps joints to a truth that is not known, it is not told how it holds itself, or nothing in the
-            data tells of a start.
+        InputError: The body clamps joints to a truth that is not known, it has no posture, or the data have no
+            start.
     """
     body = scene.body
     params = dict(body.params if params is None else params)
@@ -198,7 +200,7 @@ def with_frames(problem: Problem, data: SceneData, count: int) -> Problem:
 
     Args:
         problem: The problem of a scene.
-        data: What was seen in these frames.
+        data: Observations of these frames.
         count: How many there are.
     """
     own = problem.inputs
@@ -209,20 +211,33 @@ def with_frames(problem: Problem, data: SceneData, count: int) -> Problem:
     return problem._replace(observations=data.observe(problem.model), inputs=inputs)
 
 
+def refuse_learned_prior(tree: xr.DataTree) -> None:
+    """A result does not contain the learned prior that it was tracked with.
+
+    Raises:
+        InputError: There was one.
+    """
+    if "prior" in provenance(tree):
+        message = "the result was tracked with a learned prior, which is not in it"
+        raise InputError(message, field=Argument("prior"), expected="a result that was tracked without one")
+
+
 def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneData | None = None) -> Problem:
-    """Pose the problem of a tracking result anew, from what the result tells of it.
+    """Pose the problem of a tracking result again, from its provenance.
 
     Args:
         tree: The result.
-        model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
-        data: What was seen, if not the points that the result holds: it holds no pictures of silhouettes.
+        model: Builder of the body; needed if the result's own is not installed, because a file never chooses which code runs.
+        data: Observations, if they are not the points in the result, which has no pictures of silhouettes.
 
     Raises:
-        InputError: The result does not come from `track`, or is of an older layout, or its model is not installed.
+        InputError: The result does not come from `track`, or is of an older layout, or its model is not installed. Also if it
+            was tracked with a learned prior, which is not in it.
     """
+    refuse_learned_prior(tree)
     inputs, calibration = arrays_of(tree, "inputs"), arrays_of(tree, "camera")
     if "step_scale" not in inputs or not calibration:
-        raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
+        raise InputError("the result does not contain its inputs", expected="a result of poseppl track of this version")
     _, body, params = recorded_model(tree, model)
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     posture = Posture(*(inputs[f"posture_{part}"] for part in Posture._fields)) if "posture_mean" in inputs else None
@@ -235,7 +250,7 @@ def _points_of_result(tree: xr.DataTree, noise: Any) -> PointData:
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():
         raise InputError(
-            "the result holds no points: it comes from silhouettes, and their pictures are not in it",
+            "the result has no points: it comes from silhouettes, and does not contain their pictures",
             expected=Phrase("a result of points; or track it with ", Argument("smooth", "METHOD")),
         )
     return PointData(points, noise)

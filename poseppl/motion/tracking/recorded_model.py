@@ -24,7 +24,7 @@ from poseppl.runs.results import provenance
 _FARTHEST = 10_000.0
 """From a joint to a marker that it carries, mm."""
 _ROUNDED = 1e-3
-"""What a place may differ by, mm, since a result's lengths are rounded."""
+"""Largest difference of a position, mm, because a result's lengths are rounded."""
 
 
 class RecordedModel(NamedTuple):
@@ -36,20 +36,20 @@ class RecordedModel(NamedTuple):
 
 
 def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel:
-    """Build the model of a result anew.
+    """Build the model of a result again.
 
     Args:
         tree: The result.
         model: The builder, where the caller names it; without it, the builder that the result names has to be installed.
 
     Raises:
-        InputError: The result does not tell its model or tells of impossible numbers, its model is not installed or has
+        InputError: The result does not name its model or has impossible numbers, its model is not installed or has
             changed, or the named one is another.
     """
     known = provenance(tree)
     name = known.get("model")
     if not isinstance(name, str):
-        raise InputError("the result does not tell its model", expected="a result of poseppl track of this version")
+        raise InputError("the result does not state its model", expected="a result of poseppl track of this version")
     chosen = name if model is None else model
     if model is not None and source_of_model(model) != known.get("model source"):
         raise InputError(f"{model} is not, or no longer, what the result was made with", field=Argument("model"), expected=name)
@@ -74,7 +74,7 @@ def installed_builder(name: str) -> Callable[..., Body]:
     """
     others = entry_point_builders()
     if name not in (*BODIES, *others, *others.values()):
-        problem = f"the file names the model {brief(name)}, which is none of the installed ones, and so is not run"
+        problem = f"the result names the model {brief(name)}, which is not installed, so its code is not run"
         expected = Phrase("the model that you used, if it is yours: ", Argument("model", "BUILDER"))
         raise InputError(problem, field=Argument("model"), expected=expected)
     return body_builder(name)
@@ -108,7 +108,7 @@ def _with_markers(tree: xr.DataTree, body: Body) -> Body:
         return body
     if places.shape != own.shape or not np.all(np.abs(places) < _FARTHEST):
         expected = f"{own.shape[0]} places of 3 numbers below {_FARTHEST:g} mm"
-        raise InputError("the result tells of impossible places of markers", field="inputs/marker_offsets", expected=expected)
+        raise InputError("the result has impossible positions of markers", field="inputs/marker_offsets", expected=expected)
     return body._replace(tree=body.tree.with_markers_at(places))
 
 

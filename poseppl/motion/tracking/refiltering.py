@@ -47,7 +47,7 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
             expected="a result of the filter particle, or another smoother, such as trajectory",
         )
     if not isinstance(seed, int):
-        raise InputError("the result does not tell the filter's seed", expected="a result of poseppl track of this version")
+        raise InputError("the result does not state the filter's seed", expected="a result of poseppl track of this version")
     num_frames = tree["posterior"].sizes["frame"]
     if num_frames * settings["num_particles"] * (problem.model.dimension + 2) > _MAX_VALUES:
         raise InputError(
@@ -56,7 +56,7 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
             expected=Phrase(
                 "a result of fewer particles or frames, or ",
                 Argument("method", "forward-backward"),
-                ", which takes the draws kept",
+                ", which uses the stored draws",
             ),
         )
     history: History = run_filter(
@@ -78,6 +78,6 @@ def _recorded(filter: Algorithm, settings: Any) -> dict[str, Any]:
         try:
             setting.read(given[name])
         except (KeyError, SettingError) as error:
-            message = f"the result does not tell the filter's setting {brief(name)}"
+            message = f"the result does not state the filter's setting {brief(name)}"
             raise InputError(message, expected="a result of poseppl track of this version") from error
     return {name: given[name] for name in filter.settings}

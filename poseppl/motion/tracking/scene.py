@@ -37,7 +37,7 @@ class SceneData(Protocol):
 
         Args:
             scene: The scene that the data are of.
-            params: Of the body's programs.
+            params: Params of the body's programs.
 
         Raises:
             InputError: No frame shows enough to start from.
@@ -71,10 +71,10 @@ class Scene(NamedTuple, Generic[Data]):
         body: The body.
         cameras: C cameras.
         camera_names: Their names.
-        data: What they saw.
+        data: Their observations.
         frames: (T,) frame numbers.
         rate: Frames a second, of frames whose numbers are as far apart as most; None where unknown.
-        source: Where it came from.
+        source: Source.
         states: (T, d) the true states; None where unknown.
         markers: (T, K, 3) mm, true places; None where unknown.
         residual: Mean distance (mm) of the markers from those of the states, where these come from inverse kinematics.

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from poseppl_models.bodies.detected_points import FREEDOM
 
 from poseppl.arrays import Booleans, Floats, Integers
-from poseppl.compilation import double_precision, jit_lightly
+from poseppl.compilation import double_precision
 from poseppl.gaussians.walk_chains import WalkChains, ar1_chains
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 from poseppl.motion.likelihoods.detected_points import DetectedPoints
 from poseppl.runs.run import Constant
 from poseppl.smoothers.marginal_errors import SeenWalk, Unchanging
+from poseppl.stored_programs import stored_jit
 
 FRAMES = 64
 """That are linearised together: programs are compiled for so many, whatever the length of a recording."""
@@ -35,16 +36,16 @@ _RIDGE = 1e-4, 1e-5
 
 
 class SeenBody(NamedTuple):
-    """What is seen of a body.
+    """A body and its observations.
 
     Attributes:
         tree: The body, in float64.
         cameras: C cameras, likewise.
-        inputs: Of the programs, without wrapped constants.
+        inputs: Inputs of the programs, without wrapped constants.
         markers: Numbers of the markers that are seen (K,).
         points: (T, C, K, 2) image points of these, 0 where not seen.
         known: Whether they are seen (T, C, K).
-        scale: Of the errors that do not last (T, C, K), image units.
+        scale: Scale of the independent errors (T, C, K), image units.
     """
 
     tree: KinematicTree
@@ -143,7 +144,7 @@ def seen_body(inputs: Any, points: Floats) -> SeenBody:
     """Lay out what is seen.
 
     Args:
-        inputs: Of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
+        inputs: Inputs of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
         points: (T, C, K, 2) image points, NaN where a marker was not seen.
     """
     own = jax.tree.map(
@@ -189,15 +190,15 @@ class BodyView(NamedTuple):
         each = weight.reshape(markers, -1, frames, 2, 2).transpose(2, 0, 1, 3, 4)
         slopes = self.by_place.reshape(frames, markers, 3, -1, 2)
         weighed = (slopes.transpose(0, 1, 3, 2, 4) @ each).transpose(0, 1, 3, 2, 4).reshape(self.by_place.shape)
-        told = weighed @ np.swapaxes(self.by_place, -1, -2)
-        eye, relative = np.eye(3), _RIDGE[0] * np.trace(told, axis1=-2, axis2=-1)[..., None, None]
-        inverse = np.linalg.inv(told + (relative + _RIDGE[1]) * eye)
+        precision = weighed @ np.swapaxes(self.by_place, -1, -2)
+        eye, relative = np.eye(3), _RIDGE[0] * np.trace(precision, axis1=-2, axis2=-1)[..., None, None]
+        inverse = np.linalg.inv(precision + (relative + _RIDGE[1]) * eye)
         root = ratio * _symmetric_root(inverse @ (weighed @ np.swapaxes(weighed, -1, -2)) @ inverse)
-        return 3 * markers, self._information(told, root)
+        return 3 * markers, self._information(precision, root)
 
-    def _information(self, told: Floats, root: Floats) -> Iterator[Floats]:
+    def _information(self, precision: Floats, root: Floats) -> Iterator[Floats]:
         """Frame by frame, of what points tell of places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
-        markers, width = told.shape[1], self.moves.shape[2]
+        markers, width = precision.shape[1], self.moves.shape[2]
         size = 3 * markers
         block, each = np.zeros((2 * width + 2 * size,) * 2), np.arange(markers)
         pose, place, error = slice(0, width), slice(2 * width, 2 * width + size), slice(2 * width + size, None)
@@ -205,7 +206,7 @@ class BodyView(NamedTuple):
         def fill(rows: slice, columns: slice, values: Floats) -> None:
             block[rows, columns].reshape(markers, 3, markers, 3)[each, :, each] = values
 
-        for moves, own, scale in zip(self.moves, told, root, strict=True):
+        for moves, own, scale in zip(self.moves, precision, root, strict=True):
             forces = own @ moves.reshape(markers, 3, width)
             block[pose, pose] = moves.T @ forces.reshape(size, width)
             for rows, values in ((place, forces), (error, scale @ forces)):
@@ -252,7 +253,7 @@ def _double(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), tree)
 
 
-@jit_lightly
+@stored_jit
 def _locate(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) -> tuple[Array]:
     """Points (T, C, K, 2)."""
     return (jax.vmap(lambda pose, shift: project(cameras, marker_positions(tree, pose) + shift))(poses, shifts),)
@@ -276,7 +277,7 @@ def _points(
     )
 
 
-@jit_lightly
+@stored_jit
 def _slopes(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) -> tuple[Array, Array]:
     """How points change with places (T, C, K, 2, 3), and places with poses (T, K, 3, d)."""
 
@@ -287,7 +288,7 @@ def _slopes(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) 
     return jax.vmap(one)(poses, shifts)
 
 
-@jit_lightly
+@stored_jit
 def _static_slopes(
     tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array, per_length: KinematicTree | None
 ) -> tuple[Array, Array]:

@@ -16,9 +16,9 @@ from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
-from poseppl.motion.tracking.lasting_errors import ar1_inputs, filtered_poses, with_ar1_noise, with_no_errors
+from poseppl.motion.tracking.lasting_errors import ar1_inputs, filtered_poses, lasting_of, with_ar1_noise, with_no_errors
 from poseppl.motion.tracking.marginal_smoothing import NUM_DRAWS, smooth_marginally
-from poseppl.motion.tracking.problem import Problem, problem_of_result
+from poseppl.motion.tracking.problem import Problem, problem_of_result, refuse_learned_prior
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import Tracked, affordable_draws, versions
@@ -37,7 +37,7 @@ class SmoothSettings(NamedTuple):
     Attributes:
         method: Name of the smoother, one of :data:`poseppl.runs.algorithms.SMOOTHERS`.
         options: Its settings by the names of its arguments, such as ``num_draws``; absent ones are its defaults.
-        seed: Of the smoother.
+        seed: Seed of the smoother.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
         errors: "independent" ones of the points from frame to frame, as the filter has them, or "lasting" ones, as detectors of
@@ -59,16 +59,16 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
     ancestors needs all particles of the filter, which runs again if the result does not have them.
 
     Args:
-        tracked: What `track` returned, whose problem is solved again; or the result alone, such as one of a file. The problem
-            is then rebuilt from it, which a result of silhouettes does not allow, for their pictures are not in it.
+        tracked: Output of `track`, whose problem is solved again, or only its result, for example from a file. The problem is
+            then rebuilt from the result. This is impossible for silhouettes, because a result does not contain their pictures.
         settings: How.
 
     Returns:
         The smoothed result, with diagnostics; its provenance holds that of the filter.
 
     Raises:
-        InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
-            range, or its filter keeps no genealogy for a smoother that follows ancestors.
+        InputError: The result does not contain its inputs, its model has changed or is not installed, or a setting is out of
+            range. Also a smoother that follows ancestors, if the filter keeps no genealogy.
         RunError: The filter is run again, and cannot go on.
         SmoothingError: The smoothed states are not finite.
     """
@@ -79,21 +79,19 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     if settings.errors not in ("independent", "lasting"):
         raise InputError(brief(settings.errors), field=Argument("errors"), expected="independent or lasting")
-    if "prior" in known:
-        problem_told = "the result was tracked with a learned prior, which is not in it"
-        raise InputError(problem_told, field=Argument("prior"), expected="one without")
+    refuse_learned_prior(tree)
     problem = tracked.problem if isinstance(tracked, Tracked) else problem_of_result(tree, settings.model)
     lasting = settings.errors == "lasting"
     if lasting and problem.num_cameras < 2:
         raise InputError(
-            "one camera does not tell errors that last from how far away the person is",
+            "one camera cannot distinguish autocorrelated errors from a person's distance",
             field=Argument("errors"),
             expected="independent, or a result of two cameras or more",
         )
     if lasting and settings.method == "laplace":
         return _smoothed_marginally(tree, problem, settings)
     if lasting:
-        problem = with_ar1_noise(problem, frame_numbers(tree), tree.attrs.get("rate"))
+        problem = with_ar1_noise(problem, frame_numbers(tree), tree.attrs.get("rate"), lasting=lasting_of(known))
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     if lasting and smoother.requires_genealogy:
         raise InputError(
@@ -120,7 +118,7 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
 
 
 def _smoothed_marginally(tree: xr.DataTree, problem: Problem, settings: SmoothSettings) -> xr.DataTree:
-    """A result smoothed with the detector's errors that last, from the filter's poses."""
+    """A result smoothed with the detector's autocorrelated errors, from the filter's poses."""
     poses = filtered_poses(history_of_result(tree, jax.random.key(settings.seed)), problem)
     frames, rate, known = frame_numbers(tree), tree.attrs.get("rate"), provenance(tree)
     points = np.asarray(tree["observed_data"].dataset["points"].values)
@@ -153,7 +151,7 @@ def smooth_points(
     poses: Floats,
     settings: SmoothSettings,
 ) -> tuple[SmoothingRun, dict[str, Any]]:
-    """Smooth a body's points with errors that last, which are marginalised, by Laplace's approximation.
+    """Smooth a body's points with autocorrelated errors, which are marginalised, by Laplace's approximation.
 
     Args:
         problem: The filter's problem.
@@ -176,7 +174,8 @@ def smooth_points(
     laplace.check(given)
     options = laplace.complete(given)
     lengths = None if offsets is None else _measured_lengths(problem, points, offsets)
-    inputs = ar1_inputs(problem, frames, rate, _camera_covariance(known, problem), lengths, poses)
+    covariance = _camera_covariance(known, problem)
+    inputs = ar1_inputs(problem, frames, rate, covariance, lengths, poses, lasting_of(known))
     return smooth_marginally(inputs, points, poses, seed=settings.seed, max_draws=settings.max_draws, **options), options
 
 
@@ -187,11 +186,11 @@ def _measured_lengths(problem: Problem, points: Floats, offsets: KinematicTree) 
 
 def _camera_covariance(known: Mapping[str, Any], problem: Problem) -> Floats | None:
     """Covariance (6 C, 6 C) of what remains of the errors of a result's cameras; None where they were not sought."""
-    told, size = known.get("camera covariance"), 6 * problem.num_cameras
-    if told is None:
+    recorded, size = known.get("camera covariance"), 6 * problem.num_cameras
+    if recorded is None:
         return None
     try:
-        covariance = np.array(told, np.float64).reshape(size, size)
+        covariance = np.array(recorded, np.float64).reshape(size, size)
         np.linalg.cholesky(covariance)
     except (TypeError, ValueError) as error:  # NumPy's LinAlgError is a ValueError
         problem_told = "the result's covariance of its cameras' errors is none"

@@ -15,7 +15,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import body_builder, source_of_model
 from poseppl.motion.settings import TrackSettings
-from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import chosen_model
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.point_data import PointData
@@ -50,7 +50,7 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         SmoothingError: The smoothed states are not finite.
     """
     settings = settings or TrackSettings()
-    model = settings.model or DEFAULT_MODEL
+    model = chosen_model(settings.model, scene.data.provenance)
     settings = replace(settings, walk=settings.walk or usual_walk(scene, settings))
     check_settings(settings)
     if settings.prior is not None or scene.body.free is not None or len(scene.camera_names) < 2:
@@ -71,7 +71,7 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
     offsets = offsets_of_lengths(scene.body, body_builder(model)) if known.get("lengths measured") is True else None
     how = SmoothSettings("laplace", settings.options, settings.seed, settings.max_draws, errors="lasting")
     run, options = smooth_points(problem, points, scene.frames, scene.rate, known, offsets, poses, how)
-    told = {
+    optional = {
         "model": model,
         "model source": source_of_model(model),
         "settings": {**params, "walk": settings.walk, "markers": settings.markers},
@@ -82,5 +82,5 @@ def smooth_recording(scene: Scene[PointData], settings: TrackSettings | None = N
         "smoother seed": how.seed,
         "versions": versions(),
     }
-    record: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
+    record: dict[str, Any] = {name: value for name, value in optional.items() if value is not None}
     return Tracked(problem, None, diagnose(with_flesh(result_of_scene(scene, problem, run, record), problem)))

@@ -1,11 +1,11 @@
-"""Where tracking starts: the mean of the first state.
+"""Start of tracking: the mean of the first state.
 
-Where the truth is known, the start is the truth, with the spread of one step of the random walk. Elsewhere it is the pose that
-explains the best-seen frame: nonlinear least squares on the image points,
+If the true state is known, it is the start, with the standard deviation of one step of the random walk. Otherwise the start is
+the pose that explains the best-seen frame, by nonlinear least squares on the image points,
 
     minimise  sum over seen points |projected - observed|^2 / noise^2 + |angles - rest|^2 / 0.5^2,
 
-from several headings, for a body seen from its front and from its back looks alike in one camera. The place to begin with comes
+from several headings, because a body looks alike from the front and from the back in one camera. The initial position comes
 from the rays of several cameras, or from the apparent size in one.
 """
 
@@ -22,10 +22,10 @@ import scipy
 from jax import Array
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.compilation import jit_lightly
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
+from poseppl.stored_programs import stored_jit
 
 NUM_HEADINGS = 8
 START_ANGLE = 0.3
@@ -72,7 +72,7 @@ def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
 
 
 class PoseSearch(NamedTuple):
-    """What searches for a body's pose have in common.
+    """Common parts of searches for a body's pose.
 
     Attributes:
         rest: The rest pose (d,).
@@ -114,7 +114,7 @@ def _offsets(x: Array, tree: KinematicTree, cameras: Cameras, points: Array, wei
     return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
 
 
-_residuals, _derivatives = jit_lightly(_offsets), jit_lightly(jax.jacrev(_offsets))
+_residuals, _derivatives = stored_jit(_offsets), stored_jit(jax.jacrev(_offsets))
 
 
 def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
@@ -151,7 +151,7 @@ def _centre(body: Body, state: Floats, seen: Booleans) -> Floats:
 
 
 def place_of_points(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:
-    """Where the middle of the seen markers is: the nearest point to the rays of all cameras that see some, else by size."""
+    """Middle of the seen markers: the nearest point to the rays of all cameras that see some, else by size."""
     places, normals = [], []
     for camera in range(len(points)):
         seen = np.isfinite(points[camera]).all(-1)

@@ -17,10 +17,11 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import Argument, InputError, Phrase
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.bodies.unseen import Unseen, unseen_parts
 from poseppl.motion.settings import TrackSettings, Walk
 from poseppl.motion.tracking.assumed_stature import with_statures
 from poseppl.motion.tracking.body_result import BodyNames, body_result
-from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import chosen_model
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers
@@ -35,7 +36,7 @@ from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run
 from poseppl.runs.smoothing import SmoothingRun
 
 _ROOM = 2**28
-"""Bytes of the draws that are kept, unless told otherwise."""
+"""Bytes of the draws that are stored by default."""
 _PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
 
 
@@ -43,7 +44,7 @@ class Tracked(NamedTuple):
     """A scene that was tracked.
 
     Attributes:
-        problem: What was solved, which smoothers take as it is.
+        problem: The problem, which smoothers take unchanged.
         run: The filter's run; None where the result comes from a file, or no filter ran.
         result: The result, with diagnostics.
     """
@@ -78,7 +79,7 @@ def track(
     Args:
         scene: The scene.
         settings: How.
-        progress: Who is told how it goes.
+        progress: Reports the run's progress.
         checkpoint: Folder that the run is saved to after each chunk of frames.
         resume: Go on with the run that the folder holds.
 
@@ -126,9 +127,9 @@ class Tracking(NamedTuple):
         scene: The scene.
         problem: Its problem.
         filter: The filter.
-        collect: What is kept of a frame.
+        collect: Collector of each frame.
         predict: The predictive checks; None where the model predicts no data.
-        described: What the result depends on, for a checkpoint.
+        described: Everything that the result depends on, for a checkpoint.
         record: The same and more, for the result.
     """
 
@@ -140,9 +141,9 @@ class Tracking(NamedTuple):
     described: Mapping[str, Any]
     record: Mapping[str, Any]
 
-    def result(self, run: Run, **told: Any) -> xr.DataTree:
+    def result(self, run: Run, **attributes: Any) -> xr.DataTree:
         """The result of a run of the scene, or of its first frames, with diagnostics."""
-        result = result_of_scene(self.scene, self.problem, run, {**self.record, **told})
+        result = result_of_scene(self.scene, self.problem, run, {**self.record, **attributes})
         return with_statures(diagnose(result), self.problem.model)
 
 
@@ -153,7 +154,7 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         InputError: A setting is out of range, or the body's walk cannot be learned.
     """
     name = settings.filter or usual_filter(scene, settings)
-    walk, model = settings.walk or usual_walk(scene, settings), settings.model or DEFAULT_MODEL
+    walk, model = settings.walk or usual_walk(scene, settings), chosen_model(settings.model, scene.data.provenance)
     settings = replace(settings, model=model, walk=walk, filter=name)
     check_settings(settings)
     params = walk_params(scene.body, settings)
@@ -175,10 +176,10 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),
     }
-    told = {**described, "seed": settings.seed, "devices": settings.devices}
+    attributes = {**described, "seed": settings.seed, "devices": settings.devices}
     of_state, of_points = problem.pose is None, built.points is not None
     predict = None if obstacle else predictive_checks(problem.model, of_state=of_state, of_points=of_points)
-    record = {key: value for key, value in told.items() if value is not None}
+    record = {key: value for key, value in attributes.items() if value is not None}
     return Tracking(scene, problem, built, problem.collector(max_draws), predict, described, record)
 
 
@@ -281,13 +282,14 @@ def result_of_scene(
     names = [tree.coordinate_names[index] for index in free]
     truth = None if scene.states is None else {"state": scene.states[:, free], "markers": scene.markers}
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
-    told = {
+    attributes = {
         "input": scene.source,
         "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
         "residual_mm": scene.residual,
+        **_unseen(body, scene.data.observed(body).get("points")),
     }
     result = body_result(
-        **{**parts, "attrs": {**attrs, **told, **parts["attrs"]}},
+        **{**parts, "attrs": {**attrs, **attributes, **parts["attrs"]}},
         names=BodyNames(names, tree.marker_names, scene.camera_names),
         observed=scene.data.observed(scene.body),
         faults=scene.data.faults,
@@ -300,6 +302,12 @@ def result_of_scene(
         rate=scene.rate,
     )
     return with_flesh(result, problem)
+
+
+def _unseen(body: Body, points: Any) -> dict[str, Any]:
+    """Unseen markers and angles of a body, for the record; empty if all is seen, or if data are not points."""
+    found = Unseen() if points is None else unseen_parts(body, np.isfinite(points).all(-1).any((0, 1)))
+    return {"unseen": {name: list(names) for name, names in found._asdict().items()}} if any(found) else {}
 
 
 def versions() -> dict[str, str]:

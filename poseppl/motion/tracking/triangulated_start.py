@@ -20,7 +20,7 @@ def triangulated_poses(body: Body, places: Floats, seconds: Floats) -> Floats:
 
     Args:
         body: The body.
-        places: Of its markers, some of them known in a frame.
+        places: Positions of its markers, of which some are known in a frame.
         seconds: To each frame from the one before (T,).
     """
     when = np.cumsum(seconds)

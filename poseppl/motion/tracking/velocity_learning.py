@@ -17,7 +17,6 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.compilation import jit_lightly
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions
 from poseppl.motion.bodies.body import Velocities
@@ -37,11 +36,13 @@ from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.run import Constant
 from poseppl.smoothers import smoothed_moments
+from poseppl.stored_programs import stored_jit
 
 _RIDGE = 1e-6
-"""On the diagonal of a trajectory's precision, in its units; some eight times what float32 rounds to."""
+"""Ridge of a trajectory's precision, in units of its diagonal; about eight times the rounding error of float32."""
 Units = tuple[Array, Array, Array]
-"""What a frame keeps of velocities, how far it goes along each, and the ways' standard deviation; as of ``velocity_steps``."""
+"""Share of velocities that a frame keeps, its displacement along each, and their standard deviation, as in
+``velocity_steps``."""
 
 
 def with_velocities(problem: Problem, seconds: Floats, start: Floats | None = None) -> Any:
@@ -68,7 +69,7 @@ def with_velocities(problem: Problem, seconds: Floats, start: Floats | None = No
     return own._replace(step_scale=jnp.asarray(way, float)[:, None] * scale, velocities=velocities)
 
 
-@partial(jit_lightly, static_argnums=(0, 1, 2))
+@partial(stored_jit, num_static=3)
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],

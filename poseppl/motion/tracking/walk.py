@@ -1,7 +1,7 @@
-"""The random walk of a body: its scales a root of a second, and what they make of the time between two frames.
+"""The random walk of a body: its scales per square root of a second, and its steps between two frames.
 
 A coordinate moves by N(0, sigma^2 dt) in dt seconds, so that a second's motion has the same variance at any rate. Choo and
-Fleet's 15 mm and 0.15 radians a frame at 30 Hz are 82 mm and 0.82 radians a root of a second.
+Fleet's 15 mm and 0.15 radians a frame at 30 Hz are 82 mm and 0.82 radians per square root of a second.
 
 >>> steps = time_steps(np.array([0, 1, 2, 5]), 30.0)
 >>> (30 * steps).round(6).tolist()
@@ -23,11 +23,11 @@ from poseppl.motion.tracking.start import scales
 
 ASSUMED_RATE = 30.0
 """Frames a second where nobody has said: the rate that the scales were published for."""
-UNKNOWN_RATE = Phrase(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (", Argument("rate"), ")")
+UNKNOWN_RATE = Phrase(f"the frame rate is unknown: {ASSUMED_RATE:g} frames a second are assumed (", Argument("rate"), ")")
 SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5
-"""Of a body that does not tell its own: translations, mm a root of a second."""
+"""Default of bodies: translations, mm per square root of a second."""
 SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
-"""Of a body that does not tell its own: angles, radians a root of a second."""
+"""Default of bodies: angles, radians per square root of a second."""
 MEMORY, SPREAD = 0.3, 2**0.5
 """Seconds in which a mean-reverting walk comes back, by a factor of e, and its standard deviation in units of the recorded one:
 who is tracked may do other things; ours."""
@@ -64,19 +64,19 @@ def mean_reverting_steps(body: Body, params: Mapping[str, float], seconds: Float
 
     Args:
         body: The body.
-        params: Of its walk.
+        params: Params of its walk.
         seconds: To each frame from the one before (T,).
 
     Returns:
         Standard deviations of the steps (T, d), and the posture, whose ``kept`` is (T, d).
 
     Raises:
-        InputError: The body tells of no postures.
+        InputError: The body has no postures.
     """
     known = [index for index, coordinate in enumerate(body.tree.coordinates) if coordinate in body.postures]
     if not known:
         expected = "a body with postures, such as poseppl_models.bodies.choo_fleet:full_body; or fixed, or learned"
-        raise InputError("it is not told how this body holds itself", field=Argument("walk"), expected=expected)
+        raise InputError("this body has no usual posture", field=Argument("walk"), expected=expected)
     steps, mean, kept = step_scales(body, params, seconds), np.zeros(body.tree.dimension), np.exp(-seconds / MEMORY)[:, None]
     mean[known], spread = np.transpose([body.postures[body.tree.coordinates[index]] for index in known])
     steps[:, known] = SPREAD * spread * np.sqrt(1 - kept**2)

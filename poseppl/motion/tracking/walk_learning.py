@@ -1,20 +1,20 @@
 """The scales of a body's random walk, learned from the recording: expectation maximisation on a smoother.
 
-Under scales s_g, one for each joint that turns and one for each of the root's translations, a smoother tells what the squared
-steps w^2 of each coordinate are expected to be; the most likely scales, those given, are their means over frames and
-coordinates in units of the body's own steps q:
+There is one scale s_g for each joint that turns, and one for each of the root's translations. Under given scales a smoother
+computes the expected squared steps w^2 of each coordinate. The most likely scales given these are their means over frames and
+coordinates, in units of the body's own steps q:
 
     s_g^2 = mean over t >= 1 and i in g of E[w_ti^2 | all data, s] / q_ti^2.
 
 Angles of a mean-reverting walk keep their steps, which make it stationary.
 
-Who runs goes 8 of the published steps a frame along his way and less than one across it: with one scale for all translations a
-single camera loses his distance (studies/fast_motion.py).
+A runner moves 8 of the published steps a frame forwards and less than one sideways. With one scale for all translations a
+single camera loses the runner's distance (studies/fast_motion.py).
 
 Each round makes the data more likely in a linear Gaussian model (Shumway and Stoffer 1982,
 doi:10.1111/j.1467-9892.1982.tb00349.x). Here the likelihood is expanded around the last round's trajectory, by its gradient and
-its Gauss-Newton curvature, all frames at once, and around an extended Kalman smoother's in the first: one mode, of which the
-filter that then tracks with the learned scales may know more. Frames after a frame have their say in its steps.
+its Gauss-Newton curvature, all frames at once, and around an extended Kalman smoother's in the first. This is one mode; the
+filter that then tracks with the learned scales may find others. Later frames influence the steps of a frame.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.smoothers import smoothed_moments
+from poseppl.stored_programs import stored_jit
 
 NUM_ROUNDS = 20
 """Rounds of expectation maximisation."""
@@ -106,7 +107,7 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
 
 
 def reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
-    """What is left of the free coordinates (..., d) before, and what is added to it."""
+    """Share of the previous free coordinates (..., d) that remains, and the offset that is added."""
     chosen = jnp.asarray(free)
     if inputs.posture is None:
         still = jnp.ones_like(inputs.step_scale[..., chosen])
@@ -122,7 +123,7 @@ def _groups(body: Body) -> tuple[int, ...]:
     return tuple(list(dict.fromkeys(names)).index(name) for name in names)
 
 
-@partial(jit_lightly, static_argnums=(0, 1, 2))
+@partial(stored_jit, num_static=3)
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],
@@ -176,8 +177,8 @@ def expected_steps(first: Gaussian, expansion: Expansion, steps: Array, kept: Ar
         first: Mean (d,) and covariance (d, d) of the first state.
         expansion: Log-likelihood of each frame.
         steps: Standard deviations (T, d) of the step to each frame; the first is not read, nor that of the others.
-        kept: What is left of a coordinate (T, d), 1 in a random walk.
-        offset: What is added to it (T, d), 0 in a random walk.
+        kept: Share of a coordinate that remains (T, d), 1 in a random walk.
+        offset: Offset that is added to it (T, d), 0 in a random walk.
     """
     walk = LinearTransitions(
         jnp.concatenate([first.mean[None], offset[1:]]),
@@ -194,7 +195,7 @@ def expected_innovations(walk: LinearTransitions, expansion: Expansion, ridge: f
     Args:
         walk: The transitions around 0, N(f_t + F_t x_(t-1), S_t^-1).
         expansion: Log-likelihood of each frame.
-        ridge: Of the factorisation, in units of the diagonal.
+        ridge: Ridge of the factorisation, in units of the diagonal.
     """
     prior, gradient = quadratic_prior(walk, jnp.zeros_like(walk.means))
     factor = block_cholesky(prior._replace(diagonal=prior.diagonal + expansion.information), ridge=ridge)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import told
+from poseppl.diagnostics.selection import provenance_table
 from poseppl.diagnostics.verdicts.coverage import coverage_finding, coverage_of
 from poseppl.diagnostics.verdicts.verdict import Findings, Remedy, not_run, settings_among
 from poseppl.motion.verdicts.remedies import ANGLE, POSITION, of_walk
@@ -28,7 +28,7 @@ def coverage(tree: xr.DataTree) -> Findings:
 
 
 def _of_body(tree: xr.DataTree) -> str:
-    """What joints of a recording differ by from the model's body, which no interval includes."""
+    """Differences of a recording's joints from the model's body, which no interval includes."""
     residual = provenance(tree).get("residual_mm")
     if not isinstance(residual, int | float) or residual < 0.1:
         return ""
@@ -37,6 +37,6 @@ def _of_body(tree: xr.DataTree) -> str:
 
 def _markers_may_be_learned(tree: xr.DataTree) -> bool:
     """Whether two cameras or more saw markers that were taken for where the body has them."""
-    fixed = told(tree, "settings").get("markers") == "fixed"
+    fixed = provenance_table(tree, "settings").get("markers") == "fixed"
     points = variable(tree, "observed_data", "points")
     return fixed and points is not None and points.shape[1] > 1 and bool(np.isfinite(points).any())

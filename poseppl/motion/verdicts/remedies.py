@@ -1,4 +1,4 @@
-"""What can be done about a result of tracking: its walk, its noise."""
+"""Remedies for a result of tracking: its walk, its noise."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ def of_walk(tree: xr.DataTree, words: str, *arguments: str) -> tuple[Remedy, ...
 
 
 def in_one_camera(tree: xr.DataTree) -> bool:
-    """Whether these are keypoints in one camera: errors that last count as noise, which is wider than frames differ by."""
+    """Whether these are keypoints in one camera: autocorrelated errors count as noise, which is wider than frames differ by."""
     return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1

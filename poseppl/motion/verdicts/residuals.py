@@ -1,4 +1,4 @@
-"""Residuals of image points, in units of what they should be (:mod:`poseppl.diagnostics.image_errors`).
+"""Residuals of image points, in units of what they should be (:mod:`poseppl.motion.verdicts.image_errors`).
 
 If the noise alone is wrong, intervals of a run of scale 1.2 are as much too narrow, and hold 83 % where they promise 90 %; at
 1.1 they hold 87 %.
@@ -11,8 +11,8 @@ import xarray as xr
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
-from poseppl.diagnostics.image_errors import ImageErrors, image_errors
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Remedy, Verdict, not_run
+from poseppl.motion.verdicts.image_errors import ImageErrors, image_errors
 from poseppl.motion.verdicts.remedies import ANGLE, POSITION, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
@@ -21,8 +21,8 @@ SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
 SCALE_LOW = 0.7
 MAX_LEFT_OUT = 0.5
-"""Share of points whose spread hides their noise, above which the others do not judge the noise either: they are a minority,
-chosen by a small spread, of a posterior that the projection bends."""
+"""Largest share of points whose posterior SD hides their noise. Above it the other points do not judge the noise either: they
+are a minority, selected by a small SD, of a posterior that the projection bends."""
 CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
 """Scales of one camera that stands out, above which its verdict is a warning, an error."""
 STANDS_OUT = 1.05
@@ -30,7 +30,7 @@ STANDS_OUT = 1.05
 MARKER_HIGH = 2.0
 MAX_NAMED = 4
 BIAS_HIGH = 0.7
-"""Mean residual of a camera, in units of its noise, from which on it is told."""
+"""Median residual of a camera, in units of its noise, from which on it is reported."""
 _OF_CAMERA = (
     Remedy("check its calibration ({})", "camera"),
     Remedy("check its calibration ({})", "calibration"),
@@ -59,13 +59,13 @@ def point_residuals(tree: xr.DataTree) -> Findings:
 
 
 def one_camera(tree: xr.DataTree) -> Findings:
-    """A detector's keypoints of a single camera, where intervals hold less than they say (studies/one_camera.py)."""
+    """A detector's keypoints of a single camera, whose intervals have too low a coverage (studies/one_camera.py)."""
     if in_one_camera(tree):
         known = provenance(tree)
         remedies = [Remedy("omit {}", "walk")] if known.get("settings", {}).get("walk") != "mean-reverting" else []
         remedies += [Remedy("smooth with assumed-density")] if known.get("smoother") == "laplace" else []
         if remedies:
-            text = "One camera: estimated joints tend to be too near to it, by more than the intervals say:"
+            text = "One camera: estimated joints tend to be too near to it, by more than the intervals allow:"
             yield Verdict(WARNING, text, (*remedies, Remedy("add a camera")))
     else:
         yield not_run()
@@ -87,18 +87,17 @@ def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Find
 
 
 def _of_cameras(errors: ImageErrors) -> Findings:
-    """Cameras that stand out among others, by scale or by mean."""
+    """Cameras that stand out among others, by scale or by median."""
     if len(errors.cameras) < 2:
         return
     scales = errors.scale((0, 2, 3))
     high = (scales > CAMERA_HIGH) & (scales > STANDS_OUT * errors.scale())
-    bias = np.linalg.norm(_mean(errors.standardised, (0, 2)), axis=-1)
-    shift = _mean(errors.residual, (0, 2))
+    bias = np.linalg.norm(errors.standardised_bias, axis=-1)
     for i in np.flatnonzero(high | (bias > BIAS_HIGH)):
         said = [f"{scales[i]:.2f} times as far from the body as they should be"] if high[i] else []
         if bias[i] > BIAS_HIGH:
-            right, down = shift[i]
-            said.append(f"off by ({right:+.3g}, {down:+.3g}) on average, {bias[i]:.1f} times their noise")
+            right, down = errors.bias[i]
+            said.append(f"off by ({right:+.3g}, {down:+.3g}) in the median, {bias[i]:.1f} times their noise")
         severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
         yield Verdict(severity, f"Points of camera {errors.cameras[i]} are {', and '.join(said)}:", _OF_CAMERA)
 
@@ -108,7 +107,7 @@ def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
     high = [i for i in np.argsort(-np.nan_to_num(scales)) if scales[i] > MARKER_HIGH]
     if 0 < len(high) <= len(markers) / 2:
         named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
-        yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}:", _OF_MARKERS)
+        yield Verdict(WARNING, f"Markers are too far from the body, by factors of {named}:", _OF_MARKERS)
 
 
 def _interval(errors: ImageErrors) -> tuple[float, float, float]:
@@ -126,11 +125,6 @@ def _without(errors: ImageErrors) -> str:
     """How many points the scale does not count."""
     share = 100 * errors.left_out
     return f"; without the {share:.0f} % of points whose posterior SD is larger than their noise" if share >= 1 else ""
-
-
-def _mean(values: Floats, axes: tuple[int, ...]) -> Floats:
-    count = np.isfinite(values).sum(axis=axes)
-    return np.asarray(np.nansum(values, axis=axes) / np.maximum(count, 1))
 
 
 def _largest(scales: Floats, names: list[str]) -> str:

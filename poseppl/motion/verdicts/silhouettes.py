@@ -13,12 +13,13 @@ OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
 OVERLAP_FRAME = 0.4
 """Intersection over union of a single frame, mean of its cameras, below which there is a warning."""
 JUMP = 0.5
-"""How far a silhouette's centre moves from a frame to the next, in units of the root of its area, before it is told; a person's
+"""How far a silhouette's centre moves from a frame to the next, in units of the root of its area, before it is reported; a
+person's
 silhouette is some 0.75 m across by this measure. At least as far as `PACE` allows."""
 PACE = 12.0
 """Roots of its area that a silhouette's centre moves in a second at most: 9 m/s."""
 SWELLING = 1.6
-"""Factor by which a silhouette's area grows or shrinks from a frame to the next before it is told."""
+"""Factor by which a silhouette's area grows or shrinks from a frame to the next before it is reported."""
 
 _IN_MASKS = "check the masks for other people and furniture ({})"
 _OF_OVERLAP = (

@@ -1,6 +1,6 @@
 """Steps of the posterior mean in units of the random walk, and whether the motion is what a prior has learned.
 
-Where the state walks at random with standard deviation q a frame, a filter's means m and variances P obey
+If the state is a random walk with standard deviation q a frame, a filter's means m and variances P obey
 
     E[(m_t - m_{t-1})^2] = q^2 + P_{t-1} - P_t
 
@@ -56,7 +56,7 @@ class Steps(NamedTuple):
 
     Attributes:
         standardised: In units of the walk.
-        expected: What their squares should be on average.
+        expected: Expected mean of their squares.
     """
 
     standardised: Floats

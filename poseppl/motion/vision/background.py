@@ -7,8 +7,8 @@ empty clip, from the clip itself, or from a single picture of the empty scene (a
     background = learn_background(video.images(), settings)
     foreground, ignore = background.subtract(image)
 
-All frames of a clip count alike: they are learned in a mixed order and the mixture is then frozen, so that a frame's foreground
-depends on nothing but the frame, and a person who stands still at the end does not fade away. A clip that contains the person
+All frames of a clip count alike: they are learned in a mixed order, then the mixture is frozen. So a frame's foreground
+depends on the frame alone, and a person who stands still at the end does not fade away. A clip that contains the person
 teaches a pixel's background only where the person is absent for more than about half of the time.
 """
 
@@ -43,7 +43,7 @@ class BackgroundSettings(NamedTuple):
             small share takes the heaviest alone.
         shadow: Brightness, relative to the background, down to which a darker pixel of the same colour is a shadow; 1 turns
             shadows off.
-        shadows: What a shadow becomes.
+        shadows: Treatment of a shadow.
         opening: Diameter in px of the disc that removes specks; 0 for none.
         closing: Diameter in px of the disc that closes gaps; 0 for none.
         min_area: Regions of fewer px are removed.
@@ -92,7 +92,7 @@ class BackgroundSettings(NamedTuple):
 
 
 class Foreground(NamedTuple):
-    """Where the person is, and where one cannot tell.
+    """Pixels on the person, and pixels without evidence.
 
     Attributes:
         foreground: (H, W) uint8, 1 for foreground and 0 elsewhere.
@@ -108,7 +108,7 @@ class Background(NamedTuple):
 
     Attributes:
         mixture: OpenCV's background subtractor.
-        settings: What it was learned with.
+        settings: Settings of its learning.
         size: Width and height in px.
     """
 

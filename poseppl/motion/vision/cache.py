@@ -32,6 +32,7 @@ def video_features(
     folder: FilePath | None = None,
     plate: Image | None = None,
     ignore: Mask | None = None,
+    occlusion: Mask | None = None,
     start: int = 0,
     stop: int | None = None,
     bad_mask: BadMask = "raise",
@@ -42,13 +43,14 @@ def video_features(
     Args:
         video: The video.
         settings: The settings; None for the default ones.
-        folder: Where features are kept, made if need be; None keeps nothing.
+        folder: Folder of stored features, created if it does not exist; None stores nothing.
         plate: (H, W, 3) picture of the empty scene, of the video's size; None learns the background from the whole video.
         ignore: (H, W) of the video's size, not 0 at pixels that give no evidence; None for none.
+        occlusion: (H, W) of the video's size, not 0 where furniture may stand before the person, as in ``extract``.
         start: The first frame.
         stop: The frame after the last; None for all.
-        bad_mask: What to do with a foreground that is (nearly) empty or full, as in ``extract``.
-        note: Is told of features that are kept and damaged; they are taken again.
+        bad_mask: Treatment of a foreground that is (nearly) empty or full, as in ``extract``.
+        note: Receives a message about stored features that are damaged; they are computed again.
 
     Yields:
         The features of the frames start, start + 1, ..., stop - 1.
@@ -61,7 +63,7 @@ def video_features(
     chosen = (settings or FeatureSettings()).check()
     if chosen.background.learning_rate > 0:
         raise ValueError("background.learning_rate is above 0. Expected 0 where features are taken of a video; use extract.")
-    key = None if folder is None else feature_key(video, chosen, plate, ignore, bad_mask)
+    key = None if folder is None else feature_key(video, chosen, plate, ignore, occlusion, bad_mask)
     room = _ROOM + _BYTES_PER_PIXEL * math.prod(video.size)
     store = None if folder is None else Store(Path(folder) / str(key), "features", note, max_unpacked=room)
     background: Background | None = None
@@ -85,6 +87,7 @@ def video_features(
                 chosen,
                 previous=before,
                 ignore=ignore,
+                occlusion=occlusion,
                 camera=video.camera,
                 frame=frame,
                 bad_mask=bad_mask,
@@ -96,7 +99,12 @@ def video_features(
 
 
 def feature_key(
-    video: Video, settings: FeatureSettings, plate: Image | None, ignore: Mask | None, bad_mask: BadMask = "raise"
+    video: Video,
+    settings: FeatureSettings,
+    plate: Image | None,
+    ignore: Mask | None,
+    occlusion: Mask | None = None,
+    bad_mask: BadMask = "raise",
 ) -> str:
     """Hash all that a video's features depend on.
 
@@ -105,7 +113,8 @@ def feature_key(
         settings: The settings.
         plate: The picture of the empty scene, if there is one.
         ignore: The ignore mask, if there is one.
-        bad_mask: What is done with an empty or a full foreground.
+        occlusion: The occlusion mask, if there is one.
+        bad_mask: Treatment of an empty or a full foreground.
 
     Returns:
         64 hexadecimal digits.
@@ -117,7 +126,7 @@ def feature_key(
         "settings": repr(settings),
         "bad_mask": bad_mask,
     }
-    return key_of(made_of, [plate, ignore])
+    return key_of(made_of, [plate, ignore, occlusion])
 
 
 def restored_features(arrays: Arrays, settings: FeatureSettings) -> FrameFeatures:
@@ -125,7 +134,7 @@ def restored_features(arrays: Arrays, settings: FeatureSettings) -> FrameFeature
 
     Args:
         arrays: The arrays by name.
-        settings: What they were taken with.
+        settings: Settings of their computation.
 
     Raises:
         KeyError, ValueError: They are no features, or those of other settings.

@@ -13,6 +13,8 @@ doi:10.1109/TC.1972.5008926). A mirrored silhouette has the same ones: they do n
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,17 +87,19 @@ def _evenly_spaced(points: Contour) -> Contour:
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def contour_points(mask: Mask, count: int, occlusion: Mask | None = None) -> tuple[Contour, Mask]:
+def contour_points(mask: Mask, count: int, occlusion: NDArray[Any] | None = None) -> tuple[Contour, Mask]:
     """Take points at even distances along all outlines of a silhouette, those of its holes included.
 
     Args:
         mask: (H, W), not 0 inside.
         count: How many points.
-        occlusion: (H, W), not 0 where nothing is known, as behind furniture. Points beside it are no part of the outline.
+        occlusion: (H, W), not 0 where something may hide the person; None for nowhere. Its edges, up to 2 px away, may cut the
+            silhouette off. Within it, what is seen of the silhouette is before the thing, and ends where the person ends.
+            Things that the person may be between have different values, which makes an edge between them.
 
     Returns:
         (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of
-        the image, and beside an occlusion, are not; none is, where there is no outline.
+        the image, and at edges of the occlusion, are not; none is, where there is no outline.
     """
     cv2 = opencv()
     inside = (np.asarray(mask) != 0).astype(np.uint8)
@@ -109,6 +113,6 @@ def contour_points(mask: Mask, count: int, occlusion: Mask | None = None) -> tup
     column, row = points.T.astype(int)
     seen = (column > 0) & (column < width - 1) & (row > 0) & (row < height - 1)
     if occlusion is not None:
-        near = cv2.dilate((np.asarray(occlusion) != 0).astype(np.uint8), np.ones((5, 5), np.uint8))
-        seen &= near[row, column] == 0
+        things, near = np.asarray(occlusion, np.float32), np.ones((5, 5), np.uint8)
+        seen &= (cv2.dilate(things, near) == cv2.erode(things, near))[row, column]
     return points, seen.astype(np.uint8)

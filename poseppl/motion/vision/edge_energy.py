@@ -2,9 +2,9 @@
 
 "The images are smoothed with a Gaussian kernel, contrast normalized, and a Sobel edge detector is applied": gray levels are
 divided by their standard deviation in a window, so that an edge in the shade counts as much as one in the light. The paper
-gives no widths and no normalisation: here the smoothing has 2 px, the window 20 px, a floor of 6 gray levels keeps flat
-walls flat, and the magnitude m of the gradient becomes m^2 / (m^2 + m_0^2), from 0 to 1. With less smoothing and a lower floor
-the grain of a wall has half of the energy of a silhouette, and a search along a normal finds edges wherever it looks.
+gives no widths and no normalisation. Here the smoothing has 2 px, the window has 20 px, and a floor of 6 gray levels keeps flat
+walls flat. The magnitude m of the gradient becomes m^2 / (m^2 + m_0^2), from 0 to 1. With less smoothing and a lower floor, the
+grain of a wall has half the energy of a silhouette. A search along a normal then finds edges everywhere.
 
 A motion boundary is where the flow cannot be believed (:mod:`poseppl.motion.vision.flow`), or where it changes from one pixel
 to the next, smoothed likewise: between an arm and what is behind it, both.

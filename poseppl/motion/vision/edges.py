@@ -111,7 +111,7 @@ def edge_proximity(edges: Mask, sigma: float) -> Map:
     """Smooth edges into a measure of proximity.
 
     A long straight edge, which Sobel masks mark 2 px wide, has proximity 1 on it and exp(-d^2 / 2 sigma^2) at a distance of
-    d px. Where edges crowd the smoothed sum is larger and is cut off at 1; rescaled by its maximum, as the paper may mean,
+    d px. The smoothed sum is larger where edges crowd, and is cut off at 1; rescaled by its maximum, as the paper may mean,
     a single edge would count for little in every frame that has texture.
 
     Args:
@@ -137,8 +137,8 @@ def benchmark_edge_map(image: Image) -> Image:
     """Compute the edge map of the PARSEC benchmark bodytrack.
 
     A 3 x 3 Sobel mask divided by 8; 0 where the squared magnitude is under 16, 255 elsewhere; a Gaussian of 7 taps and a sigma
-    of 4 px along rows, cut to whole numbers, then along columns, cut again. Where a mask would reach beyond the image the
-    benchmark computes nothing; here the map is 0 there, in the 3 outermost rows and columns.
+    of 4 px along rows, cut to whole numbers, then along columns, cut again. The benchmark
+    computes nothing where a mask would reach beyond the image; here the 3 outermost rows and columns are 0.
 
     Args:
         image: (H, W, 3) RGB or (H, W) gray.

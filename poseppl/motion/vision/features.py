@@ -37,7 +37,7 @@ class FeatureSettings(NamedTuple):
         colour: Colour histogram.
         flow: Optical flow; None for none, which saves a third of the time.
         scale: Images are scaled by this factor first, at most 1.
-        truncation: Largest distance told apart, px of the scaled image.
+        truncation: Distances are cut off at so many px of the scaled image.
         descriptors: Number of Fourier descriptors.
     """
 
@@ -104,6 +104,7 @@ def extract(
     *,
     previous: Image | None = None,
     ignore: Mask | None = None,
+    occlusion: Mask | None = None,
     camera: str = "camera",
     frame: int = 0,
     bad_mask: BadMask = "raise",
@@ -116,9 +117,11 @@ def extract(
         settings: The settings; None for the default ones.
         previous: The frame before, as recorded; None for none, and then there is no flow.
         ignore: (H, W) as recorded, not 0 at pixels that give no evidence; None for none.
+        occlusion: (H, W) as recorded, not 0 where furniture may stand before the person; None for nowhere. Such a pixel gives
+            no evidence unless it is foreground: then the person is before the furniture.
         camera: The camera, for messages.
         frame: The frame number, for messages.
-        bad_mask: What to do with a foreground that is (nearly) empty or full: "raise", or "ignore", which takes the whole
+        bad_mask: Treatment of a foreground that is (nearly) empty or full: "raise", or "ignore", which takes the whole
             image as ignored, without foreground.
 
     Returns:
@@ -130,8 +133,10 @@ def extract(
     """
     chosen = (settings or FeatureSettings()).check()
     scaled = scale_image(image, chosen.scale, camera, frame)
-    blind = None if ignore is None else scale_mask(ignore, scaled)
-    foreground, ignored = background.subtract(scaled, blind)
+    blind, hiding = (None if mask is None else scale_mask(mask, scaled) for mask in (ignore, occlusion))
+    foreground, ignored = background.subtract(scaled, blind, hiding)
+    if hiding is not None:
+        ignored = ignored | ((hiding != 0) & (foreground == 0)).astype(np.uint8)
     try:
         check_mask(foreground, camera, frame)
     except InputError:

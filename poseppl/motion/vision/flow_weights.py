@@ -1,14 +1,15 @@
 r"""How far a flow can be believed, in which direction: weight matrices of its vectors.
 
-Of a wall, or a limb in one colour, flow is a guess, and along a limb whose sides alone are seen it is one in that direction:
+Flow is a guess on a wall or a limb of one colour. It is also a guess along a limb of which only the sides are seen:
 the aperture problem. With the structure tensor S of the image, gradients averaged over a window, and the noise n of gradients,
 
     W = w S (S + n^2 I)^-1,    w = exp(-(I_2(x + v) - I_1(x))^2 / (2 q^2)),
 
-has an eigenvalue near 1 across strong edges and near 0 along them; w falls where the pixel does not look like that to which the
-flow v leads, as where a limb has moved farther than the search for flow goes and was given the flow of what is behind it; it is
-0 where flow forth and back do not agree. Sminchisescu and Triggs (2001, section 3.1) have a positive definite matrix W_i for
-each observation and do not tell it; this one is ours.
+has an eigenvalue near 1 across strong edges and near 0 along them; w falls where the pixel differs from the one that
+the flow v leads to. This happens where a limb moved farther than the search for flow reaches and got the flow of its
+background.
+It is 0 where forward and backward flow disagree. Sminchisescu and Triggs (2001, section 3.1) have a positive definite matrix
+W_i for each observation without a definition; this one is ours.
 """
 
 from __future__ import annotations

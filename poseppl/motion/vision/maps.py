@@ -24,7 +24,7 @@ def edge_distance(edges: Mask, truncation: float) -> Map:
 
     Args:
         edges: (H, W) uint8, 1 at an edge.
-        truncation: The largest distance that is told apart, px.
+        truncation: Distances are cut off at so many px.
 
     Returns:
         (H, W) px: 0 on an edge, at most ``truncation``; that everywhere where there is no edge.
@@ -42,7 +42,7 @@ def silhouette_distance(foreground: Mask, truncation: float) -> Map:
 
     Args:
         foreground: (H, W) uint8, 1 inside.
-        truncation: The largest distance that is told apart, px.
+        truncation: Distances are cut off at so many px.
 
     Returns:
         (H, W) px in [-truncation, truncation]: negative inside, -0.5 and 0.5 at the two sides of the outline. All

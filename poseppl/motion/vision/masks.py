@@ -10,9 +10,9 @@ from poseppl.motion.vision.bounding_box import window
 
 Mask = NDArray[np.uint8]
 _SMALL = 320
-"""Regions are told apart at a longer side of at most so many px."""
+"""Connected regions are found at a longer side of at most so many px."""
 _MIN_SHARE, _MAX_SHARE = 1e-4, 0.9
-"""Of the foreground in a mask that says something."""
+"""Shares of foreground between which a mask is informative."""
 
 
 def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, min_area: int = 400, largest_hole: int = 100) -> Mask:

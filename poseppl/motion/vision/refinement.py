@@ -1,6 +1,6 @@
 """Foreground completed by colour: graph cuts between what is known of a person and of the scene around it.
 
-Where clothes or skin have the colour of the scene behind them, background subtraction loses an arm, or cuts a person in two.
+Background subtraction loses an arm, or cuts a person in two, where clothes or skin have the colour of the scene behind them.
 GrabCut (Rother, Kolmogorov and Blake 2004, doi:10.1145/1015706.1015720), OpenCV's, decides by the colours that are known to be
 the person's, by those of the scene near by, and by edges between neighbours. Only pixels that differ from the background at
 all, if by less than makes foreground, may join the person; the inside of the mask stays.

@@ -1,7 +1,7 @@
 r"""Gaussian summaries of a filter's history, from which an information filter takes its artificial priors and its proposals.
 
-For each frame t < T - 1 one successor y_i ~ p(x_(t+1) | x_t^i) is drawn for each particle, and the pairs (x_t^i, y_i),
-weighted by w_t^i, give means m, m' and covariances P, P' and C = cov(x_t, y):
+For each frame t < T - 1 one successor y_i ~ p(x_(t+1) | x_t^i) is drawn for each particle. The pairs (x_t^i, y_i), weighted by
+w_t^i, give means m, m' and covariances P, P' and C = cov(x_t, y):
 
     gamma_(t+1) = N(m', c P'),                            the artificial prior of the next frame: about what the filter
     predicts q(x_t | y)  = N(m + G (y - m'), c (P - G C^T)),       G = C P'^-1, the regression of a state on its successor,

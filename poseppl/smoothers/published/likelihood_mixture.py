@@ -8,12 +8,13 @@ particles; a smoother that moves them needs it elsewhere. So each frame's is rep
 that is eta_k N(x; a_k, R_k), written so that a precision L_k may be singular: a frame may say nothing of some directions.
 Components come from :mod:`poseppl.gaussians.weighted_em`.
 
-**What the paper fits.** Its particles are drawn from the prediction pi(x) = p(x_t | z_(<t)) and weighted by the likelihood, and
-expectation maximisation estimates the *density* of such weighted points: the mixture comes near pi(x) p(z_t | x), the filtering
-density, not the likelihood. A smoother on it counts the past twice at every frame: too narrow, and pulled towards the filter.
-(In the paper the weights of components shall make up for particles that lie close together. They do for components that lie
-close together; where points are dense, the mixture is high.) The weights used here are the history's, with which the particles
-of any filter stand for its filtering density; those of a filter that resamples at every frame are the likelihoods.
+**The paper's mixture.** Its particles are drawn from the prediction pi(x) = p(x_t | z_(<t)) and weighted by the likelihood, and
+expectation maximisation estimates the *density* of such weighted points: the mixture approximates pi(x) p(z_t | x), the
+filtering density, not the likelihood. A smoother on it counts the past twice at every frame: its intervals are too narrow, and
+its means are pulled towards the filter's. (In the paper the weights of components are meant to compensate for particles that
+lie close together. They do so for components that lie close together, but the mixture is high where particles are dense.) The
+weights used here are the history's, with which the particles of any filter represent its filtering density. Those of a filter
+that resamples at every frame are the likelihoods.
 
 **Corrections.** pi is known from the particles of the frame before (:mod:`poseppl.smoothers.published.prediction`).
 

@@ -1,8 +1,8 @@
 r"""Particle-mGRAD and Particle-aGRAD: conditional SMC along the gradient and the Gaussian dynamics.
 
 Corenflos and Finke 2024 (https://arxiv.org/abs/2401.14868). A move draws an auxiliary variable around each state of the
-reference trajectory, runs a conditional filter whose particles are proposed given it and their ancestors' transition means, and
-draws a trajectory by backward simulation. Proposals and weights are derived in
+reference trajectory. It runs a conditional filter, whose particles are proposed given this variable and their ancestors'
+transition means. Then it draws a trajectory by backward simulation. Proposals and weights are derived in
 :mod:`poseppl.smoothers.published.gradient_proposal`.
 
 A factor of mGRAD's weight at frame t + 1 contains the ancestors of all slots but the one that it weighs, so that it says
@@ -191,8 +191,8 @@ def gradient_move(
 
     start = _extend(model, key_first, first, mean, log_start, variant)
     _, rest = jax.lax.scan(advance, start, later)
-    told = *start, jnp.zeros(num_particles, jnp.int32)
-    sweep = Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(told, rest, strict=True)))
+    earliest = *start, jnp.zeros(num_particles, jnp.int32)
+    sweep = Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(earliest, rest, strict=True)))
     chosen = draw_back(model, key_back, sweep, inputs)
     return jnp.take_along_axis(sweep.particles, chosen[:, None, None], 1)[:, 0]
 

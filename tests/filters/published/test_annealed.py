@@ -68,7 +68,7 @@ def test_particles_gather_at_the_mode_of_the_likelihood():
 
 @pytest.mark.full
 def test_it_is_not_the_posterior():
-    """Means are off and variances too small by far, which no number of particles mends."""
+    """Means are off and variances too small by far, which no number of particles corrects."""
     posed = problem()
     for num_particles in (400, 2000):
         means, variances, _ = first_frame(10, num_particles)
@@ -169,7 +169,7 @@ def test_layers_disperse_by_the_transitions_own_variance():
 
 
 def test_the_factor_of_the_noise_falls_from_layer_to_layer():
-    """Of four layers three disperse, here by a step of the factor itself; lines lead back to where each began."""
+    """Three of four layers disperse, here by a step of the factor itself; ancestors lead back to each start."""
     start = 10.0 * jnp.arange(50.0)[:, None]
 
     def values(x):

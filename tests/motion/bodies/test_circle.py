@@ -104,7 +104,7 @@ def test_the_built_in_walk_turns_with_its_states():
 
 
 @pytest.mark.full
-def test_a_body_that_cannot_be_turned_is_told():
+def test_a_body_that_cannot_be_turned_is_reported():
     tree = kinematic_tree([Joint("trunk", None, (0, 0, 0), "XZ")], [Marker("top", "trunk", (0, 0, 500))])
     with pytest.raises(InputError, match=r"trunk\.X"):
         bend_along_circle(straight(), RATE, 900.0).states(tree, np.zeros((300, 5)))

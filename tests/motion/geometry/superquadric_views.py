@@ -16,7 +16,7 @@ from poseppl.motion.geometry.coverage import hard_coverage
 from poseppl.motion.geometry.kinematics import frames_of
 
 PIECES = 6
-"""Of all shapes here, so that one program does for all."""
+"""Pieces of all shapes here, so that one program serves all."""
 
 
 def random_part(rng):

@@ -41,7 +41,7 @@ def test_pictures_are_not_copied():
 
 @pytest.mark.full
 def test_second_derivatives():
-    """Of both orders of differentiation, over particles, those of the function itself."""
+    """Derivatives in both modes, over particles, are those of the function itself."""
 
     def wave(x, size):
         return size[0] * jnp.sin(x[0] * x[1]) + x[1] ** 3

@@ -24,7 +24,7 @@ BENT = (-0.32, 0.15, 0.0, 0.0, 0.0)
 def test_silhouettes_agree_with_rays(name, distance):
     """Discretisation: over 0.99 of the union; 0.9999 is seen near by, less where rings seen from their side are 0.5 px thick.
 
-    200 points across tell an overlap to 0.001 or so. Radii that are off by a tenth must be told.
+    200 points across determine an overlap to about 0.001. Radii that are off by a tenth must be detected.
     """
     rng = np.random.default_rng(int(distance))
     with precision(np.float64):
@@ -143,7 +143,7 @@ def test_gradients_against_finite_differences():
 
 @pytest.mark.slow
 def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
-    """Where edges vanish: the eye on the axis, inside a part, and the part behind the camera."""
+    """Cases without edges: the eye on the axis, inside a part, and the part behind the camera."""
     points = image_points(np.random.default_rng(4), 30)[:1].astype(dtype)
 
     @jax.jit

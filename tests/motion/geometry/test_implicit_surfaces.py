@@ -50,7 +50,7 @@ def test_its_sign_solves_the_inequality():
 
 @pytest.mark.full
 def test_it_is_no_more_than_the_distance():
-    """Of an ellipsoid, from 4,000 points of its surface: |f| is at most the distance, and half of it at least near by."""
+    """An ellipsoid, by 4,000 points of its surface: |f| is at most the distance, and at least half of it near by."""
     rng = np.random.default_rng(2)
     part = Superquadric("egg", "hip", (50.0, 60.0, 90.0))
     directions = rng.normal(size=(4000, 3))

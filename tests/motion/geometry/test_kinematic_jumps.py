@@ -43,7 +43,7 @@ def test_the_limbs_of_the_body_are_its_arms_and_legs():
 
 @pytest.mark.full
 def test_the_camera_sees_the_same_joints():
-    """Of all poses the image of the hinge stays; that of the end, too, where its line of sight meets the sphere."""
+    """The image of the hinge is the same in all poses; so is that of the end, if its line of sight meets the sphere."""
     with precision(np.float64):
         tree, camera, states = posed(0)
         jumped = jax.jit(jax.vmap(lambda x: kinematic_jumps(tree)(x, SimpleNamespace(tree=tree, cameras=camera))))(states)

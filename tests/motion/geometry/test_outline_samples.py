@@ -98,7 +98,7 @@ def test_parts_outside_the_image_leave_no_trace():
 
 @pytest.mark.full
 def test_fixed_samples_count_as_much_as_all():
-    """Of a constant map the sums are exact; of a smooth one they differ by the discretisation of a few px."""
+    """The sums of a constant map are exact; those of a smooth one differ by the discretisation of a few px."""
     rng = np.random.default_rng(2)
     with precision(np.float64):
         corners = jnp.asarray(quadrilaterals(rng, 50))

@@ -102,7 +102,7 @@ def test_contours_go_around_corners_once():
 
 
 def test_samples_of_maps():
-    """What is negative or outside counts neither as value nor as number; between pixels values are interpolated."""
+    """Negative values and points outside count neither as value nor as number; between pixels values are interpolated."""
     maps = np.arange(20.0).reshape(1, 4, 5)
     maps[0, 1, 2] = -1.0
     x, y = np.array([0.4, 2.1, -0.6, 4.4, 3.0]), np.array([0.0, 0.9, 1.0, 3.4, 2.5])

@@ -104,7 +104,7 @@ def test_parts_are_where_markers_of_the_same_offsets_are(dtype):
 @pytest.mark.full
 @pytest.mark.parametrize("distance", [5000.0, 1500.0])
 def test_silhouettes_agree_with_rays(distance):
-    """Discretisation: over 0.99 of the union. A part without its taper, or its bend, must be told where it has much of them."""
+    """Discretisation: over 0.99 of the union. A part without its taper, or its bend, must be detected if they are large."""
     rng = np.random.default_rng(int(distance))
     with precision(np.float64):
         for number in range(6):

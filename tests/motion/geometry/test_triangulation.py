@@ -50,5 +50,5 @@ def test_a_place_between_rays_is_pulled_to_the_heavier_ones() -> None:
     centres = np.array([[0.0, 0, 0], [0, 0, 10], [0, 100, 0]])
     rays = np.array([[[1.0, 0, 0]], [[1.0, 0, 0]], [[0, -1.0, 0]]])
     place = nearest_points(centres, rays, np.array([[1.0], [3.0], [1.0]]))[0]
-    # y is told by the first two, z by all three: 3 * 10 / 5
+    # # the first two determine y, all three z: 3 * 10 / 5
     np.testing.assert_allclose(place, [0.0, 0.0, 6.0], atol=1e-9)

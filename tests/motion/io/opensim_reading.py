@@ -1,7 +1,7 @@
-"""What OpenSim makes of our files: ``python opensim_reading.py NAME LENGTHS.json OUTPUT.json``, in a process of its own.
+"""OpenSim's reading of our files: ``python opensim_reading.py NAME LENGTHS.json OUTPUT.json``, in a process of its own.
 
 Loads NAME.trc and NAME.mot, builds a model whose segments have our body's lengths, and runs OpenSim's inverse kinematics on the
-joints of NAME.trc. OpenSim's package warns as it is imported, and writes to the standard output.
+joints of NAME.trc. OpenSim's package warns when it is imported, and writes to the standard output.
 """
 
 from __future__ import annotations
@@ -97,10 +97,8 @@ class Person:
             self.marker(f"{end}_{side}", f"{name}_{side}", up=-below)
 
 
-def inverse_kinematics(size: dict[str, float], markers: str, output: str) -> dict[str, list[float]]:
+def inverse_kinematics(model: opensim.Model, markers: str, output: str) -> dict[str, list[float]]:
     """Angles that OpenSim finds, by coordinate."""
-    model = Person(size).model
-    model.printToXML(output.replace(".mot", ".osim"))
     tool = opensim.InverseKinematicsTool()
     tool.setModel(model)
     tool.setMarkerDataFileName(markers)
@@ -134,7 +132,8 @@ def main(stem: str, lengths: str, output: str) -> None:
         "places": places,
         "in_degrees": angles.isInDegrees(),
         "angles": columns(opensim.TimeSeriesTable(f"{stem}.mot")),
-        "found": inverse_kinematics(json.loads(Path(lengths).read_text()), f"{stem}.trc", f"{stem}_ik.mot"),
+        "found": inverse_kinematics(Person(json.loads(Path(lengths).read_text())).model, f"{stem}.trc", f"{stem}_ik.mot"),
+        "found with ours": inverse_kinematics(opensim.Model(f"{stem}.osim"), f"{stem}.trc", f"{stem}_ik_ours.mot"),
     }
     Path(output).write_text(json.dumps(read))
 

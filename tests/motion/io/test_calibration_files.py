@@ -53,7 +53,7 @@ def test_qualisys_is_the_published_toml(data_dir: Path) -> None:
         ('fov_video bottom="1919"', 'fov_video bottom="-5"', "camera cam_01.fov_video: 1088 x -4 pixels"),
     ],
 )
-def test_a_wrong_calibration_of_qualisys_is_told(tmp_path: Path, qualisys: str, old: str, new: str, words: str) -> None:
+def test_a_wrong_calibration_of_qualisys_is_reported(tmp_path: Path, qualisys: str, old: str, new: str, words: str) -> None:
     assert old in qualisys
     (tmp_path / "Calib.qca.txt").write_text(qualisys.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"Calib\.qca\.txt.*{words}"):
@@ -61,7 +61,7 @@ def test_a_wrong_calibration_of_qualisys_is_told(tmp_path: Path, qualisys: str, 
 
 
 def write_yaml(path: Path, **fields: Any) -> Path:
-    """What OpenCV itself writes."""
+    """Output of OpenCV itself."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     for name, value in fields.items():
         storage.write(name, value)
@@ -147,7 +147,7 @@ def test_easymocap(tmp_path: Path) -> None:
         ("camera_matrix", "other_matrix", "camera_matrix: the field is missing"),
     ],
 )
-def test_a_wrong_file_of_opencv_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_wrong_file_of_opencv_is_reported(tmp_path: Path, old: str, new: str, words: str) -> None:
     text = opencv(tmp_path / "left.yml").read_text()
     assert old in text
     (tmp_path / "left.yml").write_text(text.replace(old, new, 1))
@@ -209,7 +209,7 @@ def test_a_malicious_pickle_runs_nothing(tmp_path: Path) -> None:
         (opencap(distortion=np.full(5, np.nan)), "distortion: not finite"),
     ],
 )
-def test_a_wrong_pickle_is_told(tmp_path: Path, value: Any, words: str) -> None:
+def test_a_wrong_pickle_is_reported(tmp_path: Path, value: Any, words: str) -> None:
     (tmp_path / "cam.pickle").write_bytes(pickle.dumps(value))
     with pytest.raises(InputError, match=rf"cam\.pickle.*{words}"):
         read_cameras(tmp_path / "cam.pickle")

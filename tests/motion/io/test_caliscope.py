@@ -48,7 +48,7 @@ def test_times_people_and_gaps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (HEAD, "the file holds no point"),
+        (HEAD, "the file has no point"),
         (HEAD.replace("img_loc_x", "x"), "line 1, img_loc_x: the column is missing"),
         (HEAD + "0,0,0,0,1,2\n0,0,0,0,1,2\n", "line 3: frame 0 has keypoint 0 of camera 0 twice"),
         (HEAD + "0,0,0,0,1\n", "line 2: 5 values"),

@@ -100,8 +100,8 @@ def test_round_trip(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (TOML, "x = 1", "the file holds no camera"),
-        (TOML, "camera = 3", "the file holds no camera"),
+        (TOML, "x = 1", "the file has no camera"),
+        (TOML, "camera = 3", "the file has no camera"),
         (TOML, "camera = {front = 3}", "camera.front: not a table"),
         ("[camera.front]", "[camera.front", "no TOML"),
         ('"mm"', '"feet"', "units: unit 'feet'"),

@@ -88,11 +88,11 @@ def test_other_columns_are_passed_over(tmp_path: Path) -> None:
         ("5,6,0.25", "5,six,0.25", "line 6: 'six' is not a number"),
         ("5,6,0.25", "5,1e10,0.25", "line 6: the number 1e10 is too large"),
         ("\n2,", "\n0,", "line 5: frame 0 comes twice"),
-        ("\n2,", "\nx,", "line 5: 'x' tells no frame"),
+        ("\n2,", "\nx,", "line 5: 'x' has no frame number"),
         ("\n3,", "\n3000000,", "frames 0 to 3000000 .expected at most 1000000 frames"),
     ],
 )
-def test_what_is_wrong_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_what_is_wrong_is_reported(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in ONE
     with pytest.raises(InputError, match=rf"points\.csv.*{words}"):
         read(tmp_path, ONE.replace(old, new, 1))
@@ -100,7 +100,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, old: str, new: str, words: str) -
 
 def test_a_table_without_points(tmp_path: Path) -> None:
     header = "".join(ONE.splitlines(keepends=True)[:3])
-    with pytest.raises(InputError, match="the file holds no frame"):
+    with pytest.raises(InputError, match="the file has no frame"):
         read(tmp_path, header)
     with pytest.raises(InputError, match="nothing was found in any of 1 frames"):
         read(tmp_path, header + "0,,,,,,\n")

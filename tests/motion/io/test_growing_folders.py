@@ -102,7 +102,7 @@ def test_a_file_that_stays_damaged_is_named(tmp_path: Path, growing: GrowingFold
     assert len(notes) == 1 and "cam1: it sees nobody in frame 1" in notes[0] and file(tmp_path, 1, 1).name in notes[0]
 
 
-def test_a_late_camera_is_waited_for_and_told_of_once(tmp_path: Path, growing: GrowingFolders, notes: list[str]) -> None:
+def test_a_late_camera_is_waited_for_and_reported_once(tmp_path: Path, growing: GrowingFolders, notes: list[str]) -> None:
     write(tmp_path, 0, 0)
     write(tmp_path, 1, 0)
     now = NOW()
@@ -162,13 +162,13 @@ def test_one_is_asked_to_stop(tmp_path: Path, growing: GrowingFolders) -> None:
     assert seen == [0]
 
 
-def test_what_cannot_be_followed_is_told(tmp_path: Path, growing: GrowingFolders) -> None:
+def test_what_cannot_be_followed_is_reported(tmp_path: Path, growing: GrowingFolders) -> None:
     (tmp_path / "points.csv").write_text("scorer")
     for name, problem in (("points.csv", "a file"), ("nothing", "no such folder")):
         with pytest.raises(InputError, match=f"{name}.*{problem}.*one JSON file a frame"):
             GrowingFolders({"cam0": tmp_path / name})
     (tmp_path / "cam0" / "last.json").write_text("{}")
-    with pytest.raises(InputError, match="tells no frame"):
+    with pytest.raises(InputError, match="has no frame number"):
         growing.take(NOW())
 
 
@@ -209,7 +209,7 @@ def test_files_named_otherwise_are_found_by_listings(tmp_path: Path, growing: Gr
 
 
 @pytest.mark.parametrize(("gone", "expected"), [(True, "cam1: .*cam1 is gone"), (False, "cam1: no file from frame 1 on")])
-def test_why_no_more_frames_come_is_told(
+def test_why_no_more_frames_come_is_reported(
     tmp_path: Path, folders: dict[str, Path], notes: list[str], gone: bool, expected: str
 ) -> None:
     write(tmp_path, 0, 0, 1)

@@ -87,6 +87,7 @@ HUMAN36M += [f"{side}_{joint}" for side in ("left", "right") for joint in ("shou
         (["nose", "neck", "right_shoulder", *(f"p{number}" for number in range(130))], ""),  # OpenPose's order
         ([f"left_{name[:-2]}" if name.endswith("_l") else name for name in LAYOUTS["coco17"]], "coco17"),
         ([*LAYOUTS["coco17"], *(f"face-{number}" for number in range(116))], "coco17"),
+        ([*LAYOUTS["coco23"], *(f"face-{number}" for number in range(110))], "coco23"),
         ([f"p{number}" for number in range(17)], "coco17"),
     ],
 )
@@ -115,7 +116,7 @@ def test_a_depth_is_no_visibility(tmp_path: Path) -> None:
         read_keypoints(write(tmp_path / "a.json", [places]), size=(1000, 500))
 
 
-@pytest.mark.parametrize(("count", "layout"), [(133, "coco17"), (136, "halpe26")])
+@pytest.mark.parametrize(("count", "layout"), [(133, "coco23"), (136, "halpe26")])
 def test_whole_bodies_are_cut_to_the_body(tmp_path: Path, count: int, layout: str) -> None:
     table = np.random.default_rng(0).uniform(1, 2, (2, 1, count, 3))
     found = read_keypoints(write(tmp_path / "p.json", alphapose(table)))
@@ -175,6 +176,12 @@ def test_names_tell_markers() -> None:
     assert markers_of_names(names) == {"shoulder_l": 0, "knee_r": 1, "hip_l": 2, "pelvis": 4, "wrist_l": 5}
     for names in LAYOUTS.values():
         assert tuple(map(plain_name, names)) == names
+    assert markers_of_names(("left_foot_index", "RBigToe", "RHeel", "left_ear")) == {
+        "big_toe_l": 0,
+        "big_toe_r": 1,
+        "heel_r": 2,
+        "ear_l": 3,
+    }
 
 
 @pytest.mark.parametrize(
@@ -183,7 +190,7 @@ def test_names_tell_markers() -> None:
         ("a.json", {"a": 1}, "no keypoints of a detector that is known .*detector says which"),
         ("a.txt", "hello", "no keypoints of a detector that is known"),
         ("a.csv", "a,b\n1,2\n", "no keypoints of a detector that is known"),
-        ("a.json", [{"image_id": "x.jpg", "keypoints": [1, 2, 3]}], r"\[0\]\.image_id: 'x\.jpg' tells no frame"),
+        ("a.json", [{"image_id": "x.jpg", "keypoints": [1, 2, 3]}], r"\[0\]\.image_id: 'x\.jpg' has no frame number"),
         ("a.json", [{"image_id": "1.jpg", "keypoints": [1, 2]}], r"\[0\]\.keypoints: 2 numbers .expected 3 numbers a point"),
         ("a.json", [{"image_id": "1.jpg", "keypoints": [1, 2, 3] * 5}], "people with 5 points"),
         ("a.json", [{"image_id": "1.jpg"}], "not a list of numbers"),
@@ -200,7 +207,7 @@ def test_names_tell_markers() -> None:
         ("a.json", [{"image_id": "1.jpg", "keypoints": [1e10, 2, 3] * 17}], "person 1, 0, x: the number 1e.10 is too large"),
     ],
 )
-def test_a_wrong_file_is_told(tmp_path: Path, name: str, document: Any, words: str) -> None:
+def test_a_wrong_file_is_reported(tmp_path: Path, name: str, document: Any, words: str) -> None:
     with pytest.raises(InputError, match=rf"a\.(json|csv|txt).*{words}"):
         read_keypoints(write(tmp_path / name, document), size=(1000, 500))
 

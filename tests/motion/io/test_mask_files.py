@@ -34,7 +34,7 @@ def test_masks_are_read_back_and_opened_as_a_white_and_black_video(path):
 
 @pytest.mark.parametrize("lacking", ["masks", "shape", "bits", "frames", "everything"])
 @pytest.mark.parametrize("read", [read_masks, open_masks])
-def test_a_file_without_masks_is_told(path, lacking, read):
+def test_a_file_without_masks_is_reported(path, lacking, read):
     packed, shape = np.packbits(MASKS, axis=-1), np.array(MASKS.shape)
     stored = {
         "masks": {"shape": shape},

@@ -57,7 +57,7 @@ def test_round_trip(tmp_path, cameras, graded):
     [
         (CSV, "", "the file is empty"),
         (CSV, "\n\n", "no column 'frame'"),
-        (CSV, "frame,marker,x,y,camera\n", "the file holds no observation"),
+        (CSV, "frame,marker,x,y,camera\n", "the file has no observation"),
         ("frame,marker,x", "frame,marker,z", "line 1: no column 'x'"),
         ("confidence", "weight", "line 1, weight: column is unknown"),
         ("confidence", "x", "line 1, x: column is repeated"),

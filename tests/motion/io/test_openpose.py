@@ -78,7 +78,7 @@ def test_what_was_not_found_is_missing(tmp_path: Path) -> None:
         ('{"people": []}', "nobody was found in any of 1 frames"),
     ],
 )
-def test_what_is_wrong_is_told(tmp_path: Path, document: str, words: str) -> None:
+def test_what_is_wrong_is_reported(tmp_path: Path, document: str, words: str) -> None:
     (tmp_path / "cam.0000.json").write_text(document)
     with pytest.raises(InputError, match=words):
         read_openpose(tmp_path)
@@ -101,5 +101,5 @@ def test_files_and_layouts_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="frame 1 is also"):
         read_openpose(tmp_path)
     (tmp_path / "notes.json").write_text("{}")
-    with pytest.raises(InputError, match="tells no frame"):
+    with pytest.raises(InputError, match="has no frame number"):
         read_openpose(tmp_path)

@@ -19,7 +19,7 @@ def read(tmp_path, clip=CLIP, character=CHARACTER):
 def test_forward_kinematics_by_hand(tmp_path):
     motion = read(tmp_path)
     assert motion.names == ("root", "hip", "knee", "ankle") and motion.rate == 2.0
-    # (x, y, z) of the file is (x, -z, y) of ours
+    # # (x, y, z) of the file is our (x, -z, y)
     np.testing.assert_allclose(motion.positions[0], [[0, 0, 1000], [0, -100, 1000], [0, -100, 600], [0, -100, 100]], atol=1e-9)
     # the root turned a quarter about y takes z to x; the hip a quarter about z takes -y to x, which the root takes to -z
     expected = [[1000, 0, 1000], [1100, 0, 1000], [1100, 400, 1000], [1100, 400, 500]]

@@ -50,7 +50,7 @@ def test_images_that_are_upside_down_stand_apart(tmp_path: Path) -> None:
     assert {"images/front/observed", "images/front/mean"} <= set(_read(tmp_path / "walk.rrd"))
 
 
-def test_what_is_missing_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="no markers"):
         write_rerun(tmp_path / "a.rrd", build_result(state=np.zeros((1, 2, 3, 1)), names=Names(("level",))), np.zeros(3))
     monkeypatch.setitem(sys.modules, "rerun", None)

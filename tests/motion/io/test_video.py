@@ -34,7 +34,7 @@ def clip(count):
 
 
 def column_of(image):
-    """Where the square is: its centre, by the bright columns."""
+    """Position of the square: its centre, by the bright columns."""
     return np.flatnonzero(image[18].mean(axis=-1) > 175).mean() - 7.5
 
 
@@ -275,7 +275,7 @@ def test_damaged_pictures_are_refused_or_read(tmp_path):
 
 
 LISTS = ("ffconcat version 1.0\nfile 'elsewhere/other.mp4'\n", "#EXTM3U\n#EXTINF:1,\nelsewhere/other.mp4\n")
-"""Of FFmpeg and of HLS."""
+"""Playlists of FFmpeg and of HLS."""
 
 
 @pytest.mark.parametrize("head", LISTS)

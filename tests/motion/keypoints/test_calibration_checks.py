@@ -1,4 +1,4 @@
-"""What a person tells of a calibration: a wrong unit, and which axis of its world is up."""
+"""Checks of a calibration by a person: a wrong unit, and which axis of its world is up."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_nothing_is_said_of_the_unit_of_a_person_of_usual_size(size: float) -> N
 
 
 @pytest.mark.parametrize(("factor", "height"), [(1000.0, "1.7e+03 m"), (10.0, "17 m"), (0.1, "0.17 m"), (0.4, "0.68 m")])
-def test_a_wrong_unit_is_told(factor: float, height: str) -> None:
+def test_a_wrong_unit_is_reported(factor: float, height: str) -> None:
     (told,) = calibration_notes(factor * STANDING, MARKERS)
     assert f"about {height} tall" in told and "(unit)" in told
 

@@ -1,4 +1,4 @@
-"""The unit of a calibration, from a real person and rigs in metres, centimetres, millimetres and in no unit of ours."""
+"""The unit of a calibration, from a real person and rigs in metres, centimetres, millimetres and in an unknown unit."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def test_the_unit_is_found(records: tuple[CameraRecord, ...], people: list[Detec
 
 
 @pytest.mark.full
-def test_what_makes_no_person_is_told(records: tuple[CameraRecord, ...], people: list[DetectedPeople]) -> None:
+def test_what_makes_no_person_is_reported(records: tuple[CameraRecord, ...], people: list[DetectedPeople]) -> None:
     with pytest.raises(
         InputError, match=r"unit: .* in cm the person would be 0\.5\d m tall .expected mm, cm, m, or how many mm"
     ):
         infer_unit(as_if(records, 1 / 0.0304), people, MARKERS)
     nobody = [found._replace(points=np.full_like(found.points, np.nan)) for found in people]
-    with pytest.raises(InputError, match="too little of a person is seen by two cameras to tell it"):
+    with pytest.raises(InputError, match="two cameras see too little of a person to estimate it"):
         infer_unit(list(records), nobody, MARKERS)

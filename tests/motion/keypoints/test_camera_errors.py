@@ -1,4 +1,4 @@
-"""Noise of cameras, told by what remains between points and the places that were made of them."""
+"""Noise of cameras, from the distances of points to the triangulated positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOISE, FRAMES, POINTS = 4.0, 200, 10
 
 
 @pytest.mark.parametrize("headings", [(0, 45), (0, 90), (0, 60, 120), (0, 90, 180, 270)])
-def test_the_noise_of_cameras_at_one_height_is_told(headings: tuple[int, ...]) -> None:
+def test_the_noise_of_cameras_at_one_height_is_reported(headings: tuple[int, ...]) -> None:
     """Two cameras agree in all directions but one, whatever the noise; by single coordinates half of what remains is none."""
     rng = np.random.default_rng(0)
     angles = np.deg2rad(headings)

@@ -67,7 +67,7 @@ def test_points_that_agree_leave_the_curvature_of_students_density(cameras: Came
 
 @pytest.mark.full
 def test_a_known_error_is_found_and_a_point_that_is_far_off_hardly_counts(cameras: Cameras, places: Floats) -> None:
-    """Of one camera that is turned; with one detection of another person, by less than a third of the posterior's deviation."""
+    """One camera is turned; a detection of another person moves it by less than a third of the posterior SD."""
     errors = np.zeros((3, 6))
     errors[1, :3] = [1.0, -0.5, 0.8]
     points = seen_by(moved(cameras, errors), places)

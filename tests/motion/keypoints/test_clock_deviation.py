@@ -17,7 +17,7 @@ NOISE = 4.0
 LATE = np.array([0.0, 0.4, -0.3, 0.2])
 """Frames."""
 SIZE = 60.0
-"""Of the points' oscillations, mm, once a second: noise makes a good part of the slopes."""
+"""Amplitude of the points' oscillations, mm, once a second: noise makes a large part of the slopes."""
 REPLICATES, PARTS = 150, 8
 
 
@@ -27,7 +27,7 @@ def no_errors_of_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def errors(lasts: float) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (R, 3) of offsets, and what is told of them, where errors of a point in a camera last so many frames."""
+    """Errors (R, 3) of offsets, and their reported SD, if errors of a point in a camera last this number of frames."""
     centres = [(3000.0, 0, 300), (0.0, 3000, 300), (-2500.0, 1500, 900), (1500.0, -2500, 600)]
     cameras = join_cameras([look_at(centre, (0, 0, 0), 900.0) for centre in centres])
     rng, kept = np.random.default_rng(0), np.exp(-1 / lasts)
@@ -49,7 +49,7 @@ def errors(lasts: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check(off: np.ndarray, told: np.ndarray) -> None:
-    """90 % intervals hold as often as those of a Student-t of 7 degrees of freedom whose quantiles are taken for a normal's."""
+    """The coverage of 90 % intervals is that of a Student-t of 7 degrees of freedom with a normal's quantiles."""
     held = (np.abs(off) < norm.ppf(0.95) * told).mean(1)
     least = 1 - 2 * t.sf(norm.ppf(0.95), PARTS - 1)
     print(np.sqrt((off**2).mean()), np.sqrt((told**2).mean()), held.mean(), least)
@@ -83,7 +83,7 @@ def test_errors_of_calibration_add_up_as_independent_ones_of_pairs(monkeypatch: 
 
 
 def test_whole_frames_by_which_cameras_are_late_are_found() -> None:
-    """Of four cameras in two groups, whatever pair stands out first."""
+    """Four cameras in two groups, whatever pair stands out first."""
     late = np.array([0, 3, -2, 6])
     centres = [(3000.0, 0, 300), (0.0, 3000, 300), (-2500.0, 1500, 900), (1500.0, -2500, 600)]
     cameras = join_cameras([look_at(centre, (0, 0, 0), 900.0) for centre in centres])
@@ -97,3 +97,23 @@ def test_whole_frames_by_which_cameras_are_late_are_found() -> None:
         points = np.asarray(project(cameras, jnp.asarray(places[:, c])), np.float64)[c][:, None]
         people.append(DetectedPeople(points, np.ones(points.shape[:-1]), np.arange(frames), "", tuple("abcdef")))
     np.testing.assert_array_equal(coarse_offsets(cameras, people), late)
+
+
+def test_a_walk_of_a_stride_and_a_half_is_not_shifted_by_a_stride() -> None:
+    """Calibrations that are off by up to 60 mm; the person walks 1.9 m, and each foot swings with a period of 66 frames."""
+    rng, late, frames = np.random.default_rng(0), np.array([0, 4, -3, 5]), np.arange(90)
+    centres = np.array([(3000.0, 3000, 1500), (3000.0, -3000, 1500), (-3000.0, 3000, 1500), (-3000.0, -3000, 1500)])
+    true, believed = (
+        join_cameras([look_at(centre, target, 900.0) for centre, target in zip(centres, targets, strict=True)])
+        for targets in (np.zeros((4, 3)), rng.uniform(-60, 60, (4, 3)))
+    )
+    people = []
+    for c in range(4):
+        seconds = (frames - late[c])[:, None] / 60
+        swing = np.sin(2 * np.pi * seconds / 1.1 + np.array([0, np.pi, 0, np.pi, 0, np.pi]))
+        along = 1300.0 * (seconds - 0.75) + np.array([350, 350, 150, 150, 20, 20]) * swing
+        height = np.array([100, 100, 500, 500, 1400, 1400]) + np.array([100, 100, 30, 30, 0, 0]) * np.clip(swing, 0, 1)
+        places = np.stack([along, np.tile([-100.0, 100.0], (90, 3)), height - 900], -1)
+        points = np.asarray(project(true, jnp.asarray(places)), np.float64)[c][:, None]
+        people.append(DetectedPeople(points, np.ones(points.shape[:-1]), frames, "", tuple("abcdef")))
+    assert np.abs(coarse_offsets(believed, people) - late).max() <= 1

@@ -63,7 +63,7 @@ def test_an_offset_is_recovered(cameras: Cameras, people: list[DetectedPeople], 
 
 
 @pytest.mark.full
-def test_an_offset_is_told_and_mended(cameras: Cameras, people: list[DetectedPeople]) -> None:
+def test_an_offset_is_reported_and_corrected(cameras: Cameras, people: list[DetectedPeople]) -> None:
     aligned, notes = common_frames(NAMES, cameras, late(people, 0, 0, 6.0, 0), Clocks(60.0), None)
     assert [note.split(":")[0] for note in notes if "its clock is" in note] == ["cam_03"]
     told = re.search(r"its clock is \+([\d.]+) frames from that of cam_01 \(90 % interval \+([\d.]+) to \+([\d.]+)\)", notes[0])
@@ -171,7 +171,7 @@ def test_times_that_are_no_seconds_are_refused(cameras: Cameras, people: list[De
         common_frames(NAMES, cameras, timed, Clocks(60.0, find=False), None)
 
 
-def test_confidences_in_percent_are_told(data_dir: Path, people: list[DetectedPeople]) -> None:
+def test_confidences_in_percent_are_reported(data_dir: Path, people: list[DetectedPeople]) -> None:
     known = {record.name: record for record in read_cameras(data_dir / "pose2sim_balancing/calibration/Calib_qualisys.toml")}
     for factor, count in ((1.0, 0), (100.0, 4)):
         seen = [found._replace(confidence=factor * found.confidence) for found in people]

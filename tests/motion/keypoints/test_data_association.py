@@ -34,9 +34,10 @@ def records(data_dir: Path) -> tuple[CameraRecord, ...]:
 def test_limbs_exchanged_in_a_tenth_of_the_frames_are_put_right(
     tmp_path: Path, data_dir: Path, records: tuple[CameraRecord, ...]
 ) -> None:
-    """Of each pair, ten frames of a hundred, each in one of two cameras: all are found, and nothing else."""
+    """Ten frames of a hundred for each pair, each in one of two cameras: all are found, and nothing else."""
     numbers = {name: number for number, name in enumerate(LAYOUTS["body25b"])}
-    limbs = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
+    feet = ("heel", "big_toe", "small_toe")
+    limbs = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", *feet)}
     rng = np.random.default_rng(0)
     wrong = np.zeros((100, 2, 2), bool)
     for pair in range(2):

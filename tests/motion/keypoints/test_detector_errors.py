@@ -42,7 +42,7 @@ def cameras_around(count: int) -> Cameras:
 
 
 def drawn(rng: np.random.Generator, num_cameras: int, num_frames: int) -> SeenPoints:
-    """What cameras see of known places, with the errors above."""
+    """Detections of known positions by cameras, with the errors above."""
     cameras = cameras_around(num_cameras)
     places = rng.uniform((-500, -500, 300), (500, 500, 1700), (num_frames, len(MARKERS), 3))
     clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places))), 0, 1)
@@ -56,7 +56,7 @@ def drawn(rng: np.random.Generator, num_cameras: int, num_frames: int) -> SeenPo
 
 
 def found(seen: SeenPoints) -> Floats:
-    """What a fit finds, at the middle confidence of the true errors."""
+    """Estimates of a fit, at the middle confidence of the true errors."""
     errors = fit_detector(seen, MARKERS, "")
     scale, odds = errors.scale_and_odds(errors.log_scales(MARKERS), logit(TRUE.confidence))
     return np.array([*np.log(scale), errors.slope, odds, errors.clutter_slope])
@@ -78,7 +78,7 @@ def test_errors_are_recovered() -> None:
 def test_intervals_of_held_out_cameras_hold(num_cameras: int) -> None:
     seen = drawn(np.random.default_rng(1), num_cameras, 250)
     right = judge(seen, *errors_at(TRUE, seen, MARKERS))
-    error = np.sqrt(LEVELS * (1 - LEVELS) / (2 * len(seen.marker)))  # as if a point's cameras told the same
+    error = np.sqrt(LEVELS * (1 - LEVELS) / (2 * len(seen.marker)))  # as if a point's cameras had the same information
     assert (np.abs(right.levels - LEVELS) < 5 * error).all()
     for wrong in (TRUE._replace(slope=0.6), TRUE._replace(clutter=-20.0)):
         judged = judge(seen, *errors_at(wrong, seen, MARKERS))

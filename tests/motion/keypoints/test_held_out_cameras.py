@@ -27,7 +27,7 @@ DRAWN = DrawnPlaces(np.where(SEEN[:, None, :, None], OFFSET, 0.0), LOG_WEIGHT)
 
 
 def density(point: int, draw: int, camera: int) -> float:
-    """Of what one camera saw of one draw; clutter is uniform in its picture."""
+    """Density of one camera's detection of one draw; clutter is uniform in its picture."""
     scale, clutter = SCALE[point, camera], expit(ODDS[point, camera])
     peak = multivariate_t(np.zeros(2), scale**2 * np.eye(2), FREEDOM).pdf(OFFSET[point, draw, camera])
     return float(np.log((1 - clutter) * peak + clutter / SIZES[camera].prod()))

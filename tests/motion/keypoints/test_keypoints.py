@@ -42,7 +42,7 @@ def turned(record: CameraRecord, degrees: Sequence[float]) -> CameraRecord:
 
 
 @pytest.mark.full
-def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
+def test_two_people_are_distinguished(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     """The second person of the recording is an exact projection of confidence 1; the first one is real."""
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in (1, 2, 3, 4)]
     cameras = cameras_of_records(records)
@@ -78,7 +78,7 @@ def test_points_somewhere_else_in_the_picture_are_not_seen(records: tuple[Camera
     seen, before = (np.isfinite(points).all(-1)[:, :, into] for points in (found.scene.data.points, plain))
     assert wrong.sum() > 30 and not seen[wrong].any()
     assert (seen | ~before)[~wrong].mean() > 0.99
-    assert any("points leap" in note for note in found.notes())
+    assert any("points jump" in note for note in found.notes())
 
 
 def test_a_camera_that_is_off_keeps_the_only_person(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
@@ -102,14 +102,14 @@ def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[Cam
 
 
 @pytest.mark.full
-def test_a_stature_that_one_camera_takes_for_granted_is_told(
+def test_a_stature_that_one_camera_takes_for_granted_is_reported(
     records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
     one = {"cam_01": folders["cam_01"]}
     told, given = (
         scene_of_keypoints(KeypointSettings(one, records, rate=60, stature=stature)).notes() for stature in (None, 1800.0)
     )
-    assert "taken to be 1.69 +- 0.09 m tall" in " ".join(told) and "tall" not in " ".join(given)
+    assert "assumed to be 1.69 ± 0.09 m tall" in " ".join(told) and "tall" not in " ".join(given)
     assert "tall" not in " ".join(
         scene_of_keypoints(KeypointSettings(folders, records, rate=60, keep=("calibration",))).notes()
     )
@@ -157,9 +157,9 @@ def test_exchanged_cameras_are_named(records: tuple[CameraRecord, ...], folders:
     first, second, third, fourth = records
     wrong = (third._replace(name="cam_01"), second, first._replace(name="cam_03"), fourth)
     told = " ".join(scene_of_keypoints(KeypointSettings(folders, wrong, rate=60)).notes())
-    assert "cam_01: the person it sees" in told
-    assert "cam_03: the person it sees" in told
-    assert "cam_02: the person it sees" not in told
+    assert "cam_01: its person agrees" in told
+    assert "cam_03: its person agrees" in told
+    assert "cam_02: its person agrees" not in told
 
 
 @pytest.mark.slow
@@ -187,7 +187,7 @@ def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraR
 
 
 @pytest.mark.full
-def test_a_person_who_leaves_and_frames_without_detections_are_told(
+def test_a_person_who_leaves_and_frames_without_detections_are_reported(
     tmp_path: Path, data_dir: Path, records: tuple[CameraRecord, ...]
 ) -> None:
     """One camera finds nobody in two of three frames, and the person is gone after frame 69: all else is as it was."""
@@ -211,7 +211,7 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
 
 
 @pytest.mark.full
-def test_what_does_not_fit_is_told(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
+def test_what_does_not_fit_is_reported(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     with pytest.raises(InputError, match=r"no camera 'cam1' in the calibration \(expected cam_01, cam_02"):
         scene_of_keypoints(KeypointSettings({"cam1": folders["cam_01"]}, records))
     with pytest.raises(InputError, match="people are seen"):

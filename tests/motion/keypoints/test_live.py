@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import DetectedPeople, read_calibration, read_cameras
 from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.keypoints import read_frame
@@ -23,6 +24,7 @@ from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.tracking import TrackSettings, track
 from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.scene import MIN_CONFIDENCE
 from poseppl.runs.run import run_filter
 
 SETTINGS = TrackSettings(filter="kalman", max_draws=50)
@@ -89,7 +91,7 @@ def test_frames_one_by_one_are_what_a_run_of_them_gives_and_nothing_is_traced(
         means = [first.mean, *(live.add(frame).mean for frame in (frames[6], lost, *frames[8:]))]
         assert [record.getMessage() for record in caplog.records] == []
         jax.jit(lambda x: x + 1)(1.0)
-        assert caplog.records  # they would be told
+        assert caplog.records  # they would be reported
     whole = live.whole()
     problem = whole.problem
     how: Any = {"collect": whole.collect, "predict": whole.predict, "num_frames": FRAMES}
@@ -120,17 +122,22 @@ def test_one_cameras_intervals_have_the_stature_in_them(
 def test_the_points_of_later_frames_are_those_of_a_recording(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
-    """With the cameras as they are, all that the first frames tell of the points is whom they are of, and the noise's scale."""
+    """With the cameras as they are, all that the first frames tell of the points is whom they are of, and their errors."""
     live = LiveTrack(
         LiveSettings(folders, calibration, rate=60.0, keep=("calibration",)), frames[:5], SETTINGS, lambda note: None
     )
     for frame in frames[5:]:
         live.add(frame)
     how: Any = {"rate": 60.0, "keep": ("clocks", "calibration", "detections"), "frames": f":{FRAMES}"}
-    whole, data = scene_of_keypoints(KeypointSettings(folders, calibration, **how)).scene.data, live.whole().scene.data
-    np.testing.assert_array_equal(data.points, whole.points)
-    ratio = data.noise / whole.noise
-    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[:1, :, :1], ratio.shape))
+    found, data = scene_of_keypoints(KeypointSettings(folders, calibration, **how)), live.whole().scene.data
+    np.testing.assert_array_equal(data.points, found.scene.data.points)
+    first = scene_of_keypoints(KeypointSettings(folders, calibration, **{**how, "frames": ":5"})).point_errors
+    assert first is not None
+    cameras = found.scene.cameras
+    places = triangulate(cameras, data.points, found.confidence)
+    noise = first.noise(cameras, found.scene.body.tree.marker_names, places, np.clip(found.confidence, MIN_CONFIDENCE, 1.0))
+    placed = np.broadcast_to(np.isfinite(places).all(-1)[:, None], noise.shape)
+    np.testing.assert_allclose(data.noise[placed], noise[placed], rtol=1e-5)
 
 
 def seen(people: Sequence[DetectedPeople], part: slice) -> list[DetectedPeople]:
@@ -150,7 +157,7 @@ def test_a_person_is_followed_among_others(data_dir: Path, person: int) -> None:
 
 
 @pytest.mark.full
-def test_nobody_is_told(folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]) -> None:
+def test_nobody_is_reported(folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]) -> None:
     empty = [frame._replace(people=([], None, [], [])) for frame in frames]
     assert [sees_someone(frame) for frame in (frames[0], empty[0])] == [True, False]
     with pytest.raises(InputError, match=f"nobody was found in any of {FRAMES} frames"):

@@ -25,7 +25,7 @@ PERSON = np.random.default_rng(0).uniform([-250, -150, 0], [250, 150, 1700], (17
 
 
 def places(frames: Floats) -> Floats:
-    """Where a person who walks to and fro is in frames of the recording."""
+    """Positions of a person who walks to and fro, in frames of the recording."""
     moved = np.stack([600 * np.sin(frames / 12), 25 * frames, 40 * np.cos(frames / 5)], -1)
     return PERSON + moved[:, None]
 
@@ -42,7 +42,7 @@ def cameras(records: list[CameraRecord]) -> Cameras:
 
 
 def seen(cameras: Cameras, camera: int, when: Floats | None = None) -> DetectedPeople:
-    """What one camera sees, with 2 px of noise, at these frames of the recording in its own frames 0, 1, ..."""
+    """Detections of one camera, with 2 px of noise, at these frames of the recording in its own frames 0, 1, ..."""
     frames = np.arange(FRAMES, dtype=float) if when is None else when
     points = np.asarray(project(cameras, jnp.asarray(places(frames)))[camera])
     points = points + np.random.default_rng(camera).normal(0, 2, points.shape)

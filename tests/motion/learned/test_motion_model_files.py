@@ -68,7 +68,7 @@ def test_other_files_are_refused(written, tmp_path):
     with pytest.raises(InputError, match="no learned motion.*fit-motion"):
         read_motion_model(path)
     whole = xr.open_dataset(written.path, engine="h5netcdf").load()
-    for lacking, words in (("means", "means: it is missing"), ("person", "what it is of")):
+    for lacking, words in (("means", "means: it is missing"), ("person", "its content is unknown")):
         whole.drop_vars(lacking).to_netcdf(path, engine="h5netcdf")
         with pytest.raises(InputError, match=words):
             read_motion_model(path)

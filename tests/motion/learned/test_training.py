@@ -88,7 +88,7 @@ def test_what_cannot_be_learned_from(recordings, settings, words):
         train_motion_model(recordings, "walks", settings)
 
 
-def test_a_missing_package_is_told(monkeypatch):
+def test_a_missing_package_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "hmmlearn.hmm", None)
     monkeypatch.setitem(sys.modules, "hmmlearn", None)
     with pytest.raises(PosepplError, match="needs the package hmmlearn.*motion-models"):

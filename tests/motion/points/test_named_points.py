@@ -97,7 +97,7 @@ def test_files_become_a_recording(data_dir: Path) -> None:
 
 
 def test_nothing_is_lost_of_files_that_have_faults(tmp_path: Path) -> None:
-    """One ends early, one has a point at 1e9, one finds nothing in half of its frames: all is told, and the rest is kept."""
+    """One ends early, one has a point at 1e9, one finds nothing in half of its frames: all is reported, the rest is kept."""
     header = "scorer,net,net,net\nbodyparts,a,a,a\ncoords,x,y,likelihood\n"
     rows = [f"{t},{100 + t},{200 + t},0.9\n" for t in range(10)]
     empty = [row if t < 5 else f"{t},,,\n" for t, row in enumerate(rows)]
@@ -154,7 +154,7 @@ def test_animals_without_names_are_refused(data_dir: Path) -> None:
         read_cameras(data_dir / "pose2sim_balancing/calibration/Calib_qualisys.toml"),
     )
     files = {f"cam_0{c}": next(pose.rglob(f"cam0{c}_json")) for c in (1, 2)}
-    with pytest.raises(InputError, match="no names that tell who is who"):
+    with pytest.raises(InputError, match="without names to identify them"):
         read_point_recording(PointSettings(files, records))
 
 

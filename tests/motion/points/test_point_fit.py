@@ -83,7 +83,7 @@ def test_draws_know_what_two_cameras_tell(fitted: PointParams) -> None:
 
 @pytest.mark.full
 def test_linked_points_are_under_the_draws_of_params() -> None:
-    """Of two draws one says that errors are ten times as large: places and lengths under it are known less well."""
+    """Errors are ten times as large in one of two draws, whose positions and lengths have larger variances."""
     few = rough_walk(0).of_frames(slice(0, 12))
     with double_precision():
         problem = make_point_problem(few)
@@ -101,7 +101,7 @@ def test_linked_points_are_under_the_draws_of_params() -> None:
 
 @pytest.mark.slow
 def test_a_single_frame_has_params() -> None:
-    """No time passes in it, of which a speed could be told."""
+    """No time passes in it, so that it has no speed."""
     with double_precision():
         found = fit_points(make_point_problem(rough_walk(0).of_frames(slice(0, 1))), num_draws=2, num_rounds=1, num_steps=2)
     assert all(np.isfinite(value).all() for kind in found for value in kind.values())

@@ -31,7 +31,7 @@ def test_the_chain_is_summed_out_exactly() -> None:
 
 @pytest.fixture(scope="module")
 def legs() -> tuple[SeenPoints, Floats, Floats]:
-    """Where four points of two legs are seen, what was found, and which frames of the second camera are exchanged."""
+    """Positions of four points of two legs, their detections, and the exchanged frames of the second camera."""
     rng = np.random.default_rng(1)
     sway = np.cumsum(rng.normal(size=(FRAMES, 1, 4, 2)), 0) * 0.5
     images = np.array([[100.0, 100], [100, 140], [115, 100], [115, 140]]) + sway + np.zeros((1, CAMERAS, 1, 1))

@@ -64,7 +64,7 @@ def test_a_build_is_symmetric_and_has_a_seed(walker: Build) -> None:
             assert thickness == by_segment[name.replace("_l", "_r")]
 
 
-def test_what_cannot_be_rendered_is_told(walker: Build) -> None:
+def test_what_cannot_be_rendered_is_reported(walker: Build) -> None:
     points = walker().figure.points
     places = np.stack([points[joint] for joint in JOINTS], axis=1)
     with pytest.raises(InputError, match="no crown"):

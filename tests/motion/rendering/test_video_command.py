@@ -97,7 +97,7 @@ def test_a_missing_package_says_how_to_install_it(capsys: pytest.CaptureFixture[
 
 @pytest.mark.full
 def test_a_missing_opengl_says_which_packages_are_wanted() -> None:
-    """Told to load another platform's OpenGL, MuJoCo has none to draw with."""
+    """With a setting for another platform's OpenGL, MuJoCo has none to draw with."""
     code = "import sys; from poseppl.cli import main; sys.exit(main())"
     environment = {**os.environ, "MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "none"}
     command = [sys.executable, "-c", code, *SMALL, "--frames", "0:1"]

@@ -17,7 +17,7 @@ from poseppl.motion.silhouettes.video_sources import VideoSources, see_silhouett
 
 FRAMES = 3
 MASKS = [masks_of(pose(seed)) for seed in range(FRAMES)]
-"""Of every frame, by the cameras' names."""
+"""Masks of every frame, by the cameras' names."""
 
 
 def sources(masks):
@@ -48,7 +48,7 @@ def test_masks_of_half_the_size_are_nearly_the_same():
     assert np.abs(other.data.distance - wanted.data.distance).mean() > 0.5
 
 
-def test_masks_that_do_not_fit_are_told():
+def test_masks_that_do_not_fit_are_reported():
     square = {"left": np.ones((FRAMES, 90, 90))}
     with pytest.raises(InputError, match="camera left: the mask has 90 x 90 pixels.*240 x 180"):
         see_silhouettes(sources(truth() | square))

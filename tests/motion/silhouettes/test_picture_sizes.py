@@ -16,8 +16,8 @@ RECORD = CameraRecord("front", np.eye(3), np.zeros(5), np.eye(3), np.zeros(3), (
     ("size", "how"),
     [((1920, 1088), "padding"), ((1920, 1086), "cut off"), ((1900, 1087), "cut off"), ((1935, 1087), "padding")],
 )
-def test_a_few_pixels_more_or_less_are_told(size: tuple[int, int], how: str) -> None:
-    with pytest.warns(VideoWarning, match=f"camera front: the pictures have {size[0]} x {size[1]} pixels.*taken to be {how}"):
+def test_a_few_pixels_more_or_less_are_reported(size: tuple[int, int], how: str) -> None:
+    with pytest.warns(VideoWarning, match=f"camera front: the pictures have {size[0]} x {size[1]} pixels.*assumed to be {how}"):
         assert fit_size(RECORD, size).size == size
 
 

@@ -1,4 +1,4 @@
-"""Overlap of a body with the silhouettes it was tracked in, and what a result tells of the silhouettes themselves."""
+"""Overlap of a body with the silhouettes it was tracked in, and the content of a result about the silhouettes themselves."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from poseppl.motion.silhouettes.scene import silhouette_scene
 pytestmark = pytest.mark.full
 
 
-def scene_of(states, **options):
+def scene_of(states, hidden=None):
     drawn = [masks_of(state) for state in states]
-    return silhouette_scene(body(), RECORDS, {name: np.stack([each[name] for each in drawn]) for name in drawn[0]}, **options)
+    masks = {name: np.stack([each[name] for each in drawn]) for name in drawn[0]}
+    for name, where in (hidden or {}).items():
+        masks[name] = masks[name] * (where == 0)
+    return silhouette_scene(body(), RECORDS, masks, occlusion=hidden)
 
 
 def test_a_body_overlaps_with_its_own_silhouettes_and_less_the_farther_it_is():
@@ -37,7 +40,7 @@ def test_what_is_hidden_does_not_count_and_who_is_not_seen_has_no_overlap():
     state = pose()
     occlusion = np.zeros(SIZE[::-1], np.uint8)
     occlusion[100:] = 1
-    scene = scene_of([state, state], occlusion={"left": occlusion})
+    scene = scene_of([state, state], {"left": occlusion})
     scene = scene._replace(data=scene.data._replace(usable=np.array([[True, True], [True, False]])))
     shares = overlap(scene, np.stack([state, state]))
     assert (shares[0] > 0.95).all() and np.isnan(shares[1, 1])
@@ -47,6 +50,10 @@ def test_what_is_hidden_does_not_count_and_who_is_not_seen_has_no_overlap():
     bent[[i for i, name in enumerate(names) if name.startswith("knee")]] += 0.8
     shares = overlap(scene, np.stack([bent, bent]))
     assert shares[0, 0] > 0.95 > 0.9 > shares[0, 1]
+    # one that is seen before furniture is
+    masks = {name: mask[None] for name, mask in masks_of(state).items()}
+    before = silhouette_scene(body(), RECORDS, masks, occlusion={"left": occlusion})
+    assert overlap(before, bent[None])[0, 0] < 0.95
 
 
 def test_areas_and_centres_are_those_of_the_masks():

@@ -196,6 +196,8 @@ def test_hidden_pixels_are_no_evidence():
     table[int(rows.mean()) :] = 1  # hides all below the middle
     masks["left"][0][table != 0] = 0
     scene = with_truth(silhouette_scene(body(), RECORDS, masks, occlusion={"left": table}), truth)
+    wardrobe = silhouette_scene(body(), RECORDS, masks, occlusion={"left": np.where(table, 1, 2)})  # the person is before it
+    np.testing.assert_array_equal(wardrobe.data.on_outline, scene.data.on_outline)
     contour, counts = scene.data.contour[0, 0], scene.data.on_outline[0, 0]
     assert counts.any() and not counts.all()
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
@@ -224,7 +226,7 @@ def test_the_start_is_found_without_a_truth():
 
 
 @pytest.mark.full
-def test_the_start_faces_the_camera_that_was_told():
+def test_the_start_faces_the_camera_that_was_given():
     scene = scene_of(pose(4))
     tree = body().tree
     for name, number in (("left", 0), ("right", 1)):

@@ -1,4 +1,4 @@
-"""What smoothers ask of silhouettes: all frames at once, and the scene, whose pictures a result does not hold."""
+"""Needs of smoothers of silhouettes: all frames at once, and the scene, whose pictures a result does not contain."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ def test_all_frames_at_once_are_the_frames_one_by_one(scene):
 def test_a_result_is_smoothed_with_its_scene_alone(scene):
     tracked, settings = track(scene, FEW), SmoothSettings("backward-simulation")
     result = tracked.result
-    with pytest.raises(InputError, match="their pictures are not in it.*smooth='METHOD'"):
+    with pytest.raises(InputError, match="does not contain their pictures.*smooth='METHOD'"):
         smooth(result, settings)
     smoothed = smooth(tracked, settings)
     assert smoothed["posterior"].sizes["frame"] == FRAMES
     assert np.isfinite(smoothed["summary"].dataset["markers_mean"].values).all()
-    # nothing comes after the last frame: its draws are the filter's, chosen anew
+    # nothing comes after the last frame: its draws are the filter's, resampled
     last, filtered = (
         flat_draws(each).transpose("chain", "draw", "frame", "state_dim").values[0, :, -1] for each in (smoothed, result)
     )

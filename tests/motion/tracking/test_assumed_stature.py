@@ -22,7 +22,7 @@ from poseppl.motion.keypoints.settings import KeypointSettings
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, problem_of_result, smooth, track
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, at_mean_stature, stature_draws
 from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
-from poseppl.motion.tracking.default_body import DEFAULT_MODEL
+from poseppl.motion.tracking.default_body import FOOTED_MODEL
 from poseppl.motion.tracking.problem import with_steps, with_tree
 from poseppl.motion.tracking.track import usual_walk
 from poseppl.runs.contents import flat_draws
@@ -67,7 +67,7 @@ def told_of_one_camera(tree: xr.DataTree) -> list[str]:
 
 
 @pytest.mark.full
-def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
+def test_the_user_is_warned_where_one_camera_is_not_to_be_trusted(
     found: KeypointScene, filtered: xr.DataTree, smoothed: xr.DataTree
 ) -> None:
     (of_walk,), (of_both,) = told_of_one_camera(filtered), told_of_one_camera(smoothed)
@@ -80,7 +80,7 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
 
 @pytest.mark.full
 def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
-    """It is wider than frames differ by, as results of several cameras would be told."""
+    """It is wider than the differences between frames, which results of several cameras would report."""
     tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100)).result
     several = tree.copy()
     several.attrs = {name: value for name, value in tree.attrs.items() if name != "layout"}
@@ -106,7 +106,7 @@ def test_bodies_of_all_statures_are_seen_where_one_is(name: str, request: pytest
     for stature, state, markers, points in zip(
         statures[:20], states, posterior["markers"].values[0, :20, 0], posterior["points"].values[0, :20, 0], strict=True
     ):
-        body = body_builder(DEFAULT_MODEL)(subject_lengths(DEFAULT_MODEL, float(stature), None))
+        body = body_builder(FOOTED_MODEL)(subject_lengths(FOOTED_MODEL, float(stature), None))
         np.testing.assert_allclose(markers, marker_positions(body.tree, jnp.asarray(state)), atol=0.1)  # float32 at 5 m
         np.testing.assert_allclose(points, project(cameras, jnp.asarray(markers)), atol=0.1)
     assert statures.std() == pytest.approx(POPULATION[1], rel=0.02)
@@ -128,7 +128,7 @@ def test_moments_are_those_of_a_mixture_of_statures(filtered: xr.DataTree, smoot
     parts = []
     for node in nodes:
         scale = 1 + node * POPULATION[1] / POPULATION[0]
-        body = body_builder(DEFAULT_MODEL)(subject_lengths(DEFAULT_MODEL, POPULATION[0] * scale, None))
+        body = body_builder(FOOTED_MODEL)(subject_lengths(FOOTED_MODEL, POPULATION[0] * scale, None))
         factor = np.where(np.arange(len(centre)) < 3, scale, 1.0)
 
         def of(values: Any, factor: Any = factor) -> Any:
@@ -161,7 +161,7 @@ def test_moments_are_those_of_a_mixture_of_statures(filtered: xr.DataTree, smoot
 
 @pytest.mark.full
 def test_a_stature_that_is_given_is_exact(found: KeypointScene, smoothed: xr.DataTree) -> None:
-    assert found.record()[ATTRIBUTE] == list(POPULATION) and "1.69 +- 0.09 m tall" in " ".join(found.notes())
+    assert found.record()[ATTRIBUTE] == list(POPULATION) and "1.69 ± 0.09 m tall" in " ".join(found.notes())
     data = found.scene.data._replace(found={})
     known = smooth(
         track(found.scene._replace(data=data), TrackSettings(filter="kalman", walk="fixed")), SmoothSettings("laplace")

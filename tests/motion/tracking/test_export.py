@@ -54,7 +54,7 @@ def test_places_and_their_intervals(tree: xr.DataTree, folder: Path) -> None:
     for values in text.values():
         np.testing.assert_allclose(values[:, :2], np.stack([FRAMES, FRAMES / 60.0], 1), atol=1e-6)
     assert (text["_lower"][:, 2:] < text[""][:, 2:]).all() and (text[""][:, 2:] < text["_upper"][:, 2:]).all()
-    # y up: the third coordinate is the second one of ours turned round, and so are its ends
+    # # y up: the third coordinate is our second one with the opposite sign, and so are its ends
     ends = summary["markers_quantile"].sel(quantile=[0.05, 0.95]).values
     np.testing.assert_allclose(text["_lower"][:, 4], -ends[:, 1, 0, 1], atol=1e-3)
     np.testing.assert_allclose(text["_upper"][:, 3], ends[:, 1, 0, 2], atol=1e-3)
@@ -90,6 +90,29 @@ def test_rows(folder: Path) -> None:
     assert abs(float(knee["upper"]) - float(knee["lower"]) - 2 * 1.645 * np.rad2deg(0.05)) < 5 * np.rad2deg(0.05) * 3 / 200**0.5
 
 
+def test_what_nobody_saw_is_marked(tree: xr.DataTree, tmp_path: Path) -> None:
+    told = {"markers": ["skull", "crown"], "coordinates": ["head.Z", "head.Y", "head.X"]}
+    hidden = tree.copy()
+    hidden.attrs["unseen"] = json.dumps(told)
+    export(hidden, tmp_path, "walk", ("trc", "mot", "c3d", "csv"))
+    for end in ("", "_lower", "_upper"):
+        names = read_trc(tmp_path / f"walk{end}.trc").names
+        assert len(names) == 15 and not set(told["markers"]) & set(names)
+    text = (tmp_path / "walk.mot").read_text()
+    assert not set(told["coordinates"]) & set(read_mot(tmp_path / "walk.mot").columns)
+    assert "No camera saw head.Y, which is left out." in text
+    residuals = load_ezc3d().c3d(str(tmp_path / "walk.c3d"))["data"]["meta_points"]["residuals"][0]
+    names = full_body().tree.marker_names
+    assert [name for name, own in zip(names, residuals, strict=True) if (own < 0).all()] == told["markers"]
+    with (tmp_path / "walk.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert {row["joint"] for row in rows if row["seen"] == "0"} == {"skull", "crown", "head"}
+    assert len(rows) == 4 * (17 * 3 + 29)
+    hidden.attrs["unseen"] = json.dumps(["crown"])
+    with pytest.raises(InputError, match="unseen: the result's list of unseen joints is none"):
+        export(hidden, tmp_path, "walk", ("trc",))
+
+
 def test_other_levels(tree: xr.DataTree, tmp_path: Path) -> None:
     export(tree, tmp_path, "half", ("trc",), level=0.6)
     draws = tree["posterior/markers"].values[0]
@@ -97,8 +120,8 @@ def test_other_levels(tree: xr.DataTree, tmp_path: Path) -> None:
     np.testing.assert_allclose(lower, np.quantile(draws[:, :, 0, 0], 0.2, axis=0), atol=1e-3)
     with pytest.raises(InputError, match="level: 1.5"):
         export(tree, tmp_path, "half", level=1.5)
-    with pytest.raises(InputError, match="'osim' .expected trc, mot, c3d, csv"):
-        export(tree, tmp_path, "half", ("osim",))
+    with pytest.raises(InputError, match="'fbx' .expected trc, mot, osim, bvh, c3d, csv"):
+        export(tree, tmp_path, "half", ("fbx",))
 
 
 @pytest.mark.full
@@ -120,7 +143,7 @@ def test_a_rate_that_nobody_said(tree: xr.DataTree) -> None:
 def test_a_model_that_is_not_installed_is_not_run(tree: xr.DataTree, tmp_path: Path) -> None:
     other = tree.copy()
     other.attrs = {**tree.attrs, "model": json.dumps("somebody.elses:body")}
-    with pytest.raises(InputError, match="none of the installed ones"):
+    with pytest.raises(InputError, match="which is not installed"):
         export(other, tmp_path, "walk", ("mot",))
     assert len(export(other, tmp_path, "walk", ("trc",))) == 3
 

@@ -39,7 +39,7 @@ def learned(data_dir, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def learned_for_videos(data_dir, tmp_path_factory):
-    """Of the body that videos are tracked with."""
+    """Prior of the body that videos are tracked with."""
     return learn(data_dir, VIDEO_BODY, tmp_path_factory.mktemp("learned") / "walk28.nc")
 
 
@@ -67,7 +67,7 @@ def test_poses_of_states_are_the_start(data_dir, learned):
 
 
 @pytest.mark.slow
-def test_frames_of_other_motion_are_told(data_dir, learned):
+def test_frames_of_other_motion_are_reported(data_dir, learned):
     """Somebody who strikes does not walk; without other motion in the prior there is no probability of it."""
     scene = scene_of(data_dir)
     problem = with_prior(make_problem(scene), scene, learned)

@@ -32,7 +32,7 @@ def test_a_shift_is_absolute_error_alone():
 
 
 def test_particles_on_both_sides():
-    """Of three at -30, 10 and 90 mm with weights 3 : 1 : 0, the mean is at -20, and the second is best."""
+    """Three particles at -30, 10 and 90 mm with weights 3 : 1 : 0: the mean is at -20, and the second is best."""
     truth = np.zeros((1, 5, 3))
     places = np.zeros((1, 3, 5, 3))
     places[0, :, :, 0] = np.array([-30.0, 10.0, 90.0])[:, None]
@@ -78,7 +78,7 @@ def test_mean_and_deviation_over_runs():
         ({"weights": np.full((2, 3), np.nan)}, "not finite"),
     ],
 )
-def test_mismatches_are_told(change, words):
+def test_mismatches_are_reported(change, words):
     given = {"places": np.zeros((2, 3, 4, 3)), "weights": np.ones((2, 3)), "truth": np.zeros((2, 4, 3))} | change
     with pytest.raises(ValueError, match=words):
         marker_errors(**given)

@@ -68,7 +68,7 @@ def test_learned_places_are_recorded_and_restored() -> None:
     np.testing.assert_allclose(tree["inputs/marker_offsets"], expected, rtol=1e-5)
     np.testing.assert_allclose(problem_of_result(tree).body.tree.marker_offsets, expected, rtol=1e-5)
     tree["inputs/marker_offsets"] = tree["inputs/marker_offsets"] * np.nan
-    with pytest.raises(InputError, match="impossible places of markers"):
+    with pytest.raises(InputError, match="impossible positions of markers"):
         problem_of_result(tree)
 
 
@@ -87,14 +87,14 @@ def live_executables() -> int:
 
 def test_one_camera_and_an_unknown_word_are_refused() -> None:
     scene = scene_of(ARM, "0:2", cameras=1)
-    for word, problem in (("learned", "one camera does not tell"), ("learnt", "^markers: 'learnt'")):
+    for word, problem in (("learned", "one camera cannot locate"), ("learnt", "^markers: 'learnt'")):
         with pytest.raises(InputError, match=problem):
             track(scene, TrackSettings(ARM, "kalman", markers=word))
 
 
 @pytest.mark.slow
 def test_people_whose_markers_are_learned_have_smaller_errors_and_intervals_that_hold() -> None:
-    """Six people with places of their own: 90 % intervals hold 90 %, but for three standard errors and a point.
+    """Six people with positions of their own: the coverage of 90 % intervals is 90 % within three standard errors and a point.
 
     The point is for places and walk that are taken for certain once they are learned: 88 % is what is found.
     """

@@ -1,4 +1,4 @@
-"""What a result may say of its model: a file never chooses what is run."""
+"""The model in a result: a file never chooses which code runs."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def saying(result: Any, **attrs: Any) -> Any:
 
 @pytest.mark.full
 def test_what_was_tracked_is_smoothed_as_its_result_is(tracked: Tracked) -> None:
-    """The problem at hand is the one that a result tells of, with six digits of the lengths, which are round numbers here."""
+    """The problem is the one in a result, with six digits of the lengths, which are round numbers here."""
     one, two = (smooth(each, SmoothSettings("rauch-tung-striebel")) for each in (tracked, tracked.result))
     for name in ("unconstrained_posterior/state", "posterior/markers", "summary/state_sd"):
         np.testing.assert_array_equal(one[name].to_numpy(), two[name].to_numpy())
@@ -123,7 +123,7 @@ def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, mo
         {"a": 1},
     ]:
         bad = saying(result, model=name, lengths="touch ran")
-        with pytest.raises(InputError, match="installed|does not tell"):
+        with pytest.raises(InputError, match="installed|does not state"):
             smooth(bad, SmoothSettings("rauch-tung-striebel"))
     save_result(saying(result, model="beside:build", lengths="touch ran"), "bad.nc")
     assert main(["smooth", "bad.nc", "-q"]) == 1
@@ -138,7 +138,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
     Path("own.py").write_text(OWN.format(mark=str(tmp_path / "ran")))
     source = poseppl.motion.bodies.body.source_of_model("own.py:build")
     tree = saying(result, **{"model": "own.py:build", "model source": source})
-    with pytest.raises(InputError, match=r"'own.py:build', which is none of the installed.*model='BUILDER'"):
+    with pytest.raises(InputError, match=r"'own.py:build', which is not installed.*model='BUILDER'"):
         recorded_model(tree)
     assert not Path("ran").exists()
     smoothed = smooth(tree, SmoothSettings("rauch-tung-striebel", model="own.py:build"))
@@ -162,7 +162,7 @@ def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, m
     assert recorded_model(saying(result, model="arm-of-theirs")).name == "arm-of-theirs"
     assert body_builder("arm-of-theirs") is body_builder(ARM)
     monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [])
-    with pytest.raises(InputError, match="none of the installed"):
+    with pytest.raises(InputError, match="which is not installed"):
         recorded_model(result)
 
 
@@ -212,14 +212,14 @@ def test_every_body_of_the_models_is_listed() -> None:
         ("builtins:repr", "returns a str"),
     ],
 )
-def test_a_function_that_builds_no_body_is_told_in_one_message(builder: str, told: str, capsys: Any) -> None:
+def test_a_function_that_builds_no_body_is_reported_in_one_message(builder: str, told: str, capsys: Any) -> None:
     assert main(["track", "--model", builder, "-o", "never.nc"]) == 1
     message = capsys.readouterr().err
     assert re.search(f"^poseppl: --model: .*{told}", message) and "unexpected" not in message and message.count("\n") == 1
 
 
 @pytest.mark.full
-def test_a_program_that_fails_is_told_as_the_models(capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_fails_is_reported_as_the_models(capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(FAILING)
     assert main(["track", "--model", "own.py:build", "-o", "never.nc", "--quiet"]) == 1

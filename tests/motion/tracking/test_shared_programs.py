@@ -67,7 +67,7 @@ def test_recordings_of_two_people_share_model_filter_and_collector():
 
 
 @pytest.mark.parametrize("lengths", [None, OTHER], ids=["standard", "other"])
-def test_a_person_is_seen_with_the_lengths_that_are_told(lengths):
+def test_a_person_is_seen_with_the_lengths_that_are_given(lengths):
     """The squares of 34 residuals at the truth sum to 34 on average, with a standard deviation of sqrt(68)."""
     body = choo_fleet.full_body(lengths)
     x = np.asarray(body.rest)[None]

@@ -115,7 +115,7 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("turn", [-2.5, 2.5])
 def test_a_start_keeps_to_the_turn_of_the_rest(turn: float) -> None:
-    """A heading found after most of a turn is told as the smaller one the other way."""
+    """A heading found after most of a turn is reported as the smaller one the other way."""
     cameras = place_cameras(PATH, 0.0, count=2)
     state = np.asarray(WALK.body.rest).copy()
     state[:3] = WALK.states[0, :3]

@@ -1,4 +1,4 @@
-"""A run that is right has no error among its verdicts, and one that is told the wrong noise or walk has."""
+"""A correct run has no error among its verdicts, and a run with the wrong noise or walk has one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The random walk's scales: a root of a second, so that no figure depends on the rate."""
+"""The random walk's scales per square root of a second, so that no result depends on the rate."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_steps_over_gaps_are_wider() -> None:
 
 @pytest.mark.full
 def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> None:
-    """Where nothing is seen, the variance grows by that of the steps; the first frame is seen."""
+    """Without data the variance grows by that of the steps; the first frame has data."""
     scene = scene_of(60.0, "0:5")
     scene.data.points[1:] = np.nan
     draws = 4000
@@ -255,7 +255,7 @@ def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
     learned = learn_walk(make_problem(scene)).record()["step_scale"]
     assert np.all(np.abs(expected["step_scale"] / learned - 1) > 0.05)  # angles that come back keep their steps
     body = scene.body._replace(postures={})
-    with pytest.raises(InputError, match="walk: it is not told how this body holds itself"):
+    with pytest.raises(InputError, match="walk: this body has no usual posture"):
         make_problem(scene._replace(body=body), mean_reverting=True)
 
 

@@ -162,7 +162,7 @@ def test_bad_input():
 
 
 def test_a_long_clip_is_learned_from_evenly():
-    # 500 frames; the first half dark, the second bright. What is kept of them must hold both halves alike.
+    # # 500 frames; the first half dark, the second bright. The selected frames must represent both halves alike.
     levels = [60] * 250 + [160] * 250
     settings = PLAIN._replace(learned_frames=20, background_share=0.9, shadow=1.0)
     background = learn_background((np.full((40, 40, 3), level, np.uint8) for level in levels), settings)

@@ -39,7 +39,7 @@ def test_descriptors_of_a_circle_and_an_ellipse():
     np.testing.assert_allclose(fourier_descriptors(ellipse(30, 30)), 0, atol=1e-4)
     flat = fourier_descriptors(ellipse(33, 27))
     # Half axes 30 (1 +- e), e = 0.1. By angle z = 30 (exp(it) + e exp(-it)); evenly in length t = s + (e/2) sin 2s, which moves
-    # a quarter of e from the frequency -1 to 3. What is left out is of order e^2.
+    # a quarter of e from the frequency -1 to 3. The error is of order e^2.
     np.testing.assert_allclose(flat[:4], [0.075, 0, 0, 0.025], atol=0.002)
 
 
@@ -59,7 +59,7 @@ def test_invariances(change):
     np.testing.assert_allclose(fourier_descriptors(changed), fourier_descriptors(points), atol=1e-4)
 
 
-def test_shapes_are_told_apart():
+def test_shapes_are_distinguished():
     one, other, rough = (fourier_descriptors(points) for points in (person(), ellipse(50, 30), np.rint(person())))
     near, far = np.linalg.norm(one - rough), np.linalg.norm(one - other)
     # Rounded to whole px, half a px in 50 at most.

@@ -88,6 +88,18 @@ def test_ignored_pixels_have_no_edges():
     assert not features.edges[:55].any() and features.edges[60:].any() and features.ignore[:55].all()
 
 
+def test_furniture_gives_no_evidence_but_where_the_person_is_before_it():
+    background, furniture = background_from_plate(PLATE, SETTINGS.background), np.zeros((120, 160), np.uint8)
+    furniture[:55] = 1
+    alone = extract(frame(5), background, SETTINGS)
+    features = extract(frame(5), background, SETTINGS, occlusion=furniture)
+    shown = alone.foreground != 0
+    assert shown[:55].any() and not shown[:55].all() and shown[55:].any()
+    np.testing.assert_array_equal(features.foreground, alone.foreground)
+    np.testing.assert_array_equal(features.ignore != 0, (furniture != 0) & ~shown)
+    np.testing.assert_array_equal(features.edges, np.where(features.ignore != 0, 0, alone.edges))
+
+
 @pytest.mark.parametrize("flood", ["nobody", "everything"])
 def test_a_frame_without_evidence(flood):
     image = PLATE if flood == "nobody" else 255 - PLATE // 4
@@ -162,10 +174,11 @@ def test_what_changes_the_key():
         feature_key(other, SETTINGS, None, None),
         feature_key(video, SETTINGS, PLATE, None),
         feature_key(video, SETTINGS, None, PLATE[..., 0]),
-        feature_key(video, SETTINGS, None, None, "ignore"),
+        feature_key(video, SETTINGS, None, None, PLATE[..., 0]),
+        feature_key(video, SETTINGS, None, None, bad_mask="ignore"),
         feature_key(video, SETTINGS._replace(edges=EdgeSettings(sigma=4.0)), None, None),
     }
-    assert len(keys) == 6
+    assert len(keys) == 7
     assert feature_key(video._replace(camera="right"), SETTINGS, None, None) in keys
 
 

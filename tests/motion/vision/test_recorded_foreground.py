@@ -49,8 +49,8 @@ def agreement(background: Background, images, masks, known) -> float:
 def test_agreement_with_the_published_masks(data_dir, number):
     images, masks, plate, known = recording(data_dir / "pose2sim_balancing", number)
     assert agreement(background_from_plate(plate), images, masks, known) > PLATE_IOU[number] - MARGIN
-    # The man hardly moves in the 1.7 s of the clip: about half to two thirds of him are pixels that he covers for more than
-    # half of it, and no method that looks at single pixels knows background from man there.
+    # The man hardly moves in the 1.7 s of the clip: about half to two thirds of his pixels are covered for more than half of
+    # it. Methods that use single pixels cannot distinguish background and man there.
     assert agreement(learn_background(images), images, masks, known) > CLIP_IOU[number] - MARGIN
 
 

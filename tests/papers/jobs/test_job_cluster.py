@@ -96,7 +96,7 @@ def test_a_lost_scheduler(tmp_path):
         def note(self, message):
             pass
 
-    with pytest.raises(PosepplError, match="was lost; what is done is kept"):
+    with pytest.raises(PosepplError, match="was lost; finished jobs are kept"):
         run_jobs(draw, jobs, tmp_path, executor=Cluster(address, PATIENCE), progress=Closing())
     assert [path.name for path in tmp_path.iterdir()] == [f"{jobs[3].key}.npz"]
 

@@ -21,7 +21,7 @@ JOBS = [Draw(run) for run in range(4)]
 
 
 class Listener:
-    """Writes down what it is told."""
+    """Records its calls."""
 
     def __init__(self):
         self.notes, self.costs, self.start = [], [], None
@@ -63,7 +63,7 @@ def test_a_second_call_computes_what_is_missing(tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign", "format", "versions"])
-def test_files_that_cannot_be_used_are_computed_anew(tmp_path, damage):
+def test_files_that_cannot_be_used_are_computed_again(tmp_path, damage):
     expected, _ = run(JOBS, tmp_path)
     path = tmp_path / f"{JOBS[1].key}.npz"
     data = bytearray(path.read_bytes())
@@ -105,7 +105,7 @@ def test_files_of_other_jobs_are_left_alone(tmp_path):
 
 
 @pytest.mark.full
-def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
+def test_a_result_damaged_anywhere_is_computed_again(tmp_path):
     wanted, _ = run(JOBS[:1], tmp_path)
     path = tmp_path / f"{JOBS[0].key}.npz"
     told = 0
@@ -187,7 +187,7 @@ def test_keys():
 
 
 def test_what_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="two jobs are alike: Draw"):
+    with pytest.raises(ValueError, match="two jobs are equal: Draw"):
         run([*JOBS, Draw(0)], tmp_path)
     with pytest.raises(ValueError, match="top level of a module"):
         run(JOBS, tmp_path, function=lambda job: {})

@@ -21,7 +21,7 @@ from poseppl.jobs.versions import source_hash
 
 
 class Listener:
-    """Writes down what it is told."""
+    """Records its calls."""
 
     def __init__(self) -> None:
         self.told: list[Any] = []
@@ -89,7 +89,7 @@ def test_the_built_in_walk_leaves_out_what_it_is_not_enough_for(tmp_path: Path) 
     assert listener.told[1] == (2, 0, 2.0)
 
 
-def test_results_of_another_source_are_computed_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_another_source_are_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     toy = experiment(a=first)
     told = []
     for source in ("0.1+a", "0.1+b", "0.1+b"):

@@ -13,7 +13,7 @@ INFLATION = 1.5
 
 
 def test_a_state_given_its_successor_has_the_moments_of_a_joint_gaussian():
-    """Of two coordinates each; variances that are left are inflated, and so is the prior."""
+    """Two coordinates each; the remaining variances are inflated, and so is the prior."""
     rng = np.random.default_rng(0)
     root, mean = rng.normal(size=(4, 4)), rng.normal(size=4)
     joint = root @ root.T + 0.5 * np.eye(4)

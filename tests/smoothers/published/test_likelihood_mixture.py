@@ -150,7 +150,7 @@ def test_density_of_particles_that_is_left_in_is_noticed():
 
 @pytest.mark.full
 def test_weights_over_density_stand_for_the_likelihood():
-    """Where the likelihood has an end in all directions: the first frame, whose mean is that of both data."""
+    """If the likelihood is bounded in all directions: the first frame, whose mean is that of both data."""
     fitted = mixtures("weights")
     expected = np.linalg.solve(*(a[0] for a in information_of_the_data()))
     found = np.asarray(fitted.anchors[:, 0, 0], float)
@@ -223,7 +223,7 @@ def test_widths_of_components_are_silvermans(dimension):
 
 @pytest.mark.full
 def test_a_precision_that_chance_may_have_made_is_shrunk():
-    """Of 20 particles, with 0.6 of the prediction's variance: a sample variance has the relative variance 2 / N."""
+    """20 particles, with 0.6 of the prediction's variance: a sample variance has the relative variance 2 / N."""
     particles = np.random.default_rng(1).normal(size=(20, 1))
     particles = 1.0 + (particles - particles.mean()) / particles.std() * np.sqrt(0.6 * 4.0)
     frame = _Frame(
