@@ -21,8 +21,8 @@ def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixtur
         main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4, source="--keypoints"), "--frames", "0:100:10"])
         == 0
     )
-    told = capsys.readouterr().out
-    assert "other half's errors: 90 % intervals hold" in told and "openpose.json" in told
+    printed = capsys.readouterr().out
+    assert "other half's errors: coverage of 90 % intervals" in printed and "openpose.json" in printed
     errors = read_detector_errors("openpose.json")
     assert "pose/cam01_json" in errors.source and "body25b" in errors.source
     assert errors.slope < -0.3 and 0.5 < errors.confidence < 0.8
@@ -58,6 +58,6 @@ def test_two_cameras_are_too_few(data_dir: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_noise_is_a_number_or_a_file(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for given, told in (("0", "--noise: 0"), ("a.json", "a.json: no such file")):
+    for given, printed in (("0", "--noise: 0"), ("a.json", "a.json: no such file")):
         assert main(["track", *words(data_dir, 1, 4), "--noise", given]) == 1
-        assert told in capsys.readouterr().err
+        assert printed in capsys.readouterr().err
