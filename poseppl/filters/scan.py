@@ -44,13 +44,11 @@ At the first frame, where `first` is true, `state` has the right shapes and no m
 """
 _PREDICT = 2
 """The number that a frame's key is folded with for its predictions, besides the two that it is split into."""
-
-
 _MAX_RECOMPUTED = 1000
 """Entries of particles up to which reverse mode computes a frame again rather than keep what its derivative needs.
 
-Of formulas and few numbers that is faster: a Kalman filter's gradient takes a fifth of the time, that of a Markov chain with two
-states a fifteenth. For 1,000 particles, whose draws would be made twice, it takes double the time.
+Of formulas and few numbers that is faster: a Kalman filter's gradient takes a fifth of the time. For 1,000 particles, whose
+draws would be made twice, it takes double the time.
 """
 
 
@@ -155,7 +153,6 @@ def scan_filter(
     first = tree_index(frames, 0)
     start = begin(filter, first.keys.step, first.observation, layout.join(first.varying, constant))
     advance = frame_program(filter, layout.join, collect, predict)
-
 
     def of_frame(state: Any, frame: Frame) -> tuple[Any, Any]:
         return advance(state, start.info, frame, constant)

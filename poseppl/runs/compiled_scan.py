@@ -21,7 +21,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
-from poseppl.filters.base import Filter, FilterInfo, FilterState
+from poseppl.filters.base import Filter, FilterInfo
 from poseppl.filters.scan import (
     Collect,
     Frame,
@@ -29,20 +29,17 @@ from poseppl.filters.scan import (
     Predict,
     Start,
     begin,
-    collect_info,
     frame_keys,
     frame_program,
 )
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.particles.stacks import tree_index
-from poseppl.program import CompiledModel
-from poseppl.program.large_integers import are_exact
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
+from poseppl.runs.filter_history import bytes_of_frame
 from poseppl.runs.frame_sequence import FrameSequence, Layout
-from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames, key_data
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.gaussian_draws import key_data
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
+from poseppl.runs.step_output import StepOutput, collect_kept, joined, with_draws
 from poseppl.stored_programs import key_of, recalled
 
 _LONGEST, _LONG, _SHORT = 512, 64, 8
@@ -54,26 +51,6 @@ _SMALL, _LARGE = 2**10, 2**20
 """Bytes of a frame's data, and of what is kept of it, up to which it is small, and beyond which it is large."""
 _TRACING = Lock()
 """NumPyro has one stack of handlers for all threads: programs are traced one after the other, and compiled side by side."""
-
-
-class StepOutput(NamedTuple):
-    """Draws and diagnosis kept of a frame; of a sequence, with a leading T.
-
-    Attributes:
-        outputs: Output of `collect`.
-        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
-        unique_ancestors: How many particles of the frame before have offspring.
-        finite: Whether all particles of positive weight were finite, and their integers exact.
-        prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
-        history: Record of it for smoothers, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
-    """
-
-    outputs: Any
-    info: FilterInfo
-    unique_ancestors: Any
-    finite: Any
-    prediction: Prediction | None
-    history: Any
 
 
 _key_programs: dict[Any, Any] = {}
@@ -105,51 +82,6 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
         return data
     keys: FrameKeys = jax.tree.map(lambda each: jax.random.wrap_key_data(each, impl=jax.random.key_impl(rng_key)), data)
     return keys
-
-
-@memoized_builder
-def collect_kept(filter: Filter, collect: Collect, keep: bool, lean: bool = False) -> Collect:
-    """Keep of a frame :class:`StepOutput`, with or without the filter's history.
-
-    With `lean`, outputs may be the moments of a Gaussian, of which :class:`GaussianCollector` makes draws.
-    """
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None) if lean else None
-
-    def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
-        history = history_of_frame(filter, state, info) if keep else None
-        moments = gaussian.keep(state, inputs) if gaussian else None
-        outputs = moments or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
-        collected = collect_info(rng_key, state, info, inputs)
-        return StepOutput(outputs, collected, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
-
-    return collect_all
-
-
-def with_draws(collect: Collect, kept: StepOutput, key: NDArray[np.uint32], start: int = 0) -> StepOutput:
-    """Outputs of frames from `start` on, with draws in place of Gaussians; the key's data are those of one run or of series."""
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
-    if gaussian is None or not isinstance(kept.outputs, GaussianFrames):
-        return kept
-    return kept._replace(outputs=gaussian.draw(kept.outputs, key, start))
-
-
-def _num_unique(ancestors: Any) -> Any:
-    """How many particles have offspring; known when the program is traced where a filter names none."""
-    if isinstance(ancestors, np.ndarray):
-        return np.int32(len(np.unique(ancestors)))
-    return jnp.sum(jnp.zeros(ancestors.shape, jnp.int32).at[ancestors].set(1, mode="drop"))
-
-
-def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
-    """Whether all particles of positive weight, or the Gaussian, are finite; if the model is given, its integers are exact."""
-    posterior = getattr(state, "posterior", None)
-    if isinstance(posterior, Gaussian | RootGaussian):
-        return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in posterior]))
-    alive = state.log_weights > -jnp.inf
-    right = jnp.isfinite(state.particles).all(-1)
-    if model is not None:
-        right = right & are_exact(model.sites, state.particles)
-    return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
 
 
 class _Programs(NamedTuple):
@@ -322,7 +254,7 @@ class CompiledRun:
         return key_data(self._rng_key)
 
     def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput, int]:
-        """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame; bytes of the program's."""
+        """Zeros in the shapes of the state, of its diagnosis by `init` and of what is kept, and how many bytes XLA's are."""
         rng_key, frame, constant = self._first_data()
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
         blank = jax.tree.map(lambda x: np.zeros((1, *x.shape), x.dtype), kept)
@@ -333,7 +265,7 @@ class CompiledRun:
         return self._rng_key, tree_index(self._frames(0, 1, 1), 0), self._sequence.constant
 
     def _frames(self, start: int, stop: int, length: int) -> Frame:
-        """Frames from `start` to `stop` with their keys, which are made for more at once; as many as `length`, the rest unread."""
+        """Frames from `start` to `stop` with their keys, which are made for more at once; beyond, up to `length`, any."""
         if not self._keys_from <= start <= self._keys_from + _KEYS - (stop - start):
             self._keys = _keys_of_frames(self._rng_key, start)
             self._keys_from = start
@@ -360,16 +292,11 @@ def _bytes(tree: Any) -> int:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(tree))
 
 
-def joined(parts: list[StepOutput]) -> StepOutput:
-    """Join the outputs of consecutive frames."""
-    whole: StepOutput = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    return whole
-
-
 def abstract_signature(data: Any) -> Any:
     """Key of compiled programs: structure, shapes, types and devices of the data, and type and device of new numbers."""
     leaves, structure = jax.tree.flatten(data)
-    new = jax.typeof(np.zeros(())), jax.config.jax_default_device
+    config: Any = jax.config
+    new = jax.typeof(np.zeros(())), config.jax_default_device
     return structure, new, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
 
 

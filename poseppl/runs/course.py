@@ -16,8 +16,9 @@ from poseppl.filters.base import FilterInfo
 from poseppl.filters.suitability import compatible_filters
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import overflow_message, overflown
-from poseppl.runs.compiled_scan import CompiledRun, StepOutput, joined
+from poseppl.runs.compiled_scan import CompiledRun
 from poseppl.runs.predictive import Prediction
+from poseppl.runs.step_output import StepOutput, joined
 
 OnFailure = Literal["continue", "stop"]
 _COLLAPSED, _MANY = 2, 10

@@ -63,9 +63,7 @@ def _direct_dataset(variables: Mapping[str, xr.Variable], known: xr.Coordinates)
     used = _used(variables, known)
     coords = {dim: labels[dim].copy(deep=False) for dim in used}  # so that their attributes are those of this dataset
     sizes = {dim: size for each in variables.values() for dim, size in zip(each.dims, each.shape, strict=True)}
-    return xr.Dataset._construct_direct(
-        {**variables, **coords}, set(used), sizes, indexes={dim: indexes[dim] for dim in used}
-    )
+    return xr.Dataset._construct_direct({**variables, **coords}, set(used), sizes, indexes={dim: indexes[dim] for dim in used})
 
 
 def _public_tree(groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -98,7 +96,9 @@ def _shortcuts_agree() -> bool:
         known = xr.Coordinates({"frame": np.arange(3), "draw": np.arange(2), "name": np.array(["a"])})
         variables = {"x": xr.Variable(("draw", "frame"), np.ones((2, 3))), "y": xr.Variable(("other",), np.ones(4))}
         made = [build(variables, known) for build in (_direct_dataset, _public_dataset)]
-        trees = [build({"first": group, "second": group}) for build, group in zip((_direct_tree, _public_tree), made, strict=True)]
+        trees = [
+            build({"first": group, "second": group}) for build, group in zip((_direct_tree, _public_tree), made, strict=True)
+        ]
         contents = [(list(each.variables), dict(each.sizes), set(each.coords), set(each.xindexes)) for each in made]
         nodes = [[(node.path, node.name, node.parent is tree) for node in tree.subtree] for tree in trees]
         same = made[0].identical(made[1]) and trees[0].identical(trees[1])

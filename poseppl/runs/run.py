@@ -28,11 +28,12 @@ from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
-from poseppl.runs.compiled_scan import CompiledRun, StepOutput as StepOutput
+from poseppl.runs.compiled_scan import CompiledRun
 from poseppl.runs.course import FilterRun, OnFailure, Run as Run, RunError as RunError
 from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, FrameSequence, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
+from poseppl.runs.step_output import StepOutput as StepOutput
 
 _LOGGER = logging.getLogger("poseppl")
 _LONGEST = 512

@@ -28,11 +28,12 @@ from poseppl.program import Observation
 from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.runs.compiled_scan import abstract_signature, is_finite
+from poseppl.runs.compiled_scan import abstract_signature
 from poseppl.runs.frame_sequence import device_array, frame_sequence
 from poseppl.runs.gaussian_draws import GaussianCollector
 from poseppl.runs.recompilation import warn_recompilation
 from poseppl.runs.run import Collect
+from poseppl.runs.step_output import is_finite
 from poseppl.smoothers.base import Approximation, History, Smoothed, Smoother, SmoothingInfo
 from poseppl.stored_programs import key_of, recalled
 
