@@ -47,7 +47,7 @@ _PREDICT = 2
 _MAX_RECOMPUTED = 1000
 """Entries of particles up to which reverse mode computes a frame again rather than keep what its derivative needs.
 
-Of formulas and few numbers that is faster: a Kalman filter's gradient takes a fifth of the time. For 1,000 particles, whose
+That is faster for formulas and few numbers: a Kalman filter's gradient takes a fifth of the time. For 1,000 particles, whose
 draws would be made twice, it takes double the time.
 """
 

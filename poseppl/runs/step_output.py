@@ -1,4 +1,4 @@
-"""What is kept of each frame of a run: the collector's output, the filter's diagnosis, and the history for smoothers."""
+"""The output that a run keeps of each frame: the collector's, the filter's diagnosis, and the history for smoothers."""
 
 from __future__ import annotations
 
