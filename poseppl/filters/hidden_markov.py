@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -25,14 +26,16 @@ from poseppl.checks import check_choice
 from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.filters.in_parallel import Schedule, wants_parallel
 from poseppl.filters.sequential_monte_carlo import ParticleState
-from poseppl.particles.stacks import tree_index
-from poseppl.particles.weights import weigh
+from poseppl.particles.stacks import prepend, tree_index
+from poseppl.particles.weights import Weighed, weigh
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bijector import integer_bounds as integer_bounds
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
 _MAX = 10_000
+_MAX_AT_ONCE = 2**22
+"""Numbers of the densities of all frames up to which they are computed before the loop over frames."""
 _MAX_IN_PARALLEL = 64
 """Values of a state up to which frames are run in parallel by themselves."""
 
@@ -73,7 +76,7 @@ def hidden_markov_filter(model: CompiledModel, *, schedule: Schedule = "auto") -
 
     def in_parallel(keys: Array, observations: Observation, stacked: Callable[[], Any]) -> Any:
         if not wants_parallel(schedule, count <= _MAX_IN_PARALLEL):
-            return None
+            return _one_after_the_other(model, values, observations, stacked())
         inputs = stacked()
         frames = jnp.arange(len(keys)), inputs
         moves = jax.vmap(lambda _, row: log_transition_matrix(model, values, values, row))(*frames)
@@ -83,6 +86,40 @@ def hidden_markov_filter(model: CompiledModel, *, schedule: Schedule = "auto") -
         return jax.vmap(update)(predicted, observations, inputs)
 
     return Filter(init, step, in_parallel=in_parallel, closed_form=True)
+
+
+def _one_after_the_other(
+    model: CompiledModel, values: Array, observations: Observation, inputs: Any
+) -> tuple[ParticleState, FilterInfo] | None:
+    """States and diagnoses of T frames; None where the densities of all of them are many.
+
+    The densities are computed for all frames at once, and the loop over frames is left with the recursion.
+    """
+    later = tree_index(inputs, slice(1, None))
+    varies, count = bool(jax.tree.leaves(inputs)), len(values)
+    of_data = sum(leaf.size for leaf in jax.tree.leaves(observations.values))
+    num_frames = len(jax.tree.leaves(observations)[0])
+    if count * max(of_data, num_frames * (count if varies else 1)) > _MAX_AT_ONCE:
+        return None
+    densities = jax.vmap(lambda observation, row: log_likelihoods(model, values, observation, row))(observations, inputs)
+
+    def move(row: Any) -> Array:
+        return log_transition_matrix(model, values, values, row)
+
+    moves = jax.vmap(move)(later) if varies else move(inputs)
+
+    @partial(jax.checkpoint, prevent_cse=False)
+    def advance(log_weights: Array, row: tuple[Array, Any]) -> tuple[Array, Weighed]:
+        density, own = row
+        weighed = weigh(jax.nn.logsumexp((own if varies else moves) + log_weights, axis=1), density)
+        return weighed.log_weights, weighed
+
+    first = weigh(log_initials(model, values, tree_index(inputs, 0)), densities[0])
+    rest = jax.lax.scan(advance, first.log_weights, (densities[1:], moves if varies else None))[1]
+    weighed = prepend(first, rest)
+    states = jnp.broadcast_to(values.astype(densities.dtype), (num_frames, *values.shape))
+    info = jax.vmap(lambda each: filter_info(each.log_evidence, count, count, each.failed, num_likelihood=count))(weighed)
+    return ParticleState(states, weighed.log_weights), info
 
 
 def _predictions(first: Array, moves: Array, densities: Array) -> Array:

@@ -34,6 +34,7 @@ from poseppl.fitting.problem import Estimate, Problem
 from poseppl.program import CompiledModel
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.parameters import parameter_bijector
+from poseppl.runs.datasets import tree_of
 from poseppl.runs.fitted_params import ESTIMATE
 from poseppl.runs.results import encoded, provenance
 
@@ -75,10 +76,8 @@ def fit_tree(problem: Problem, estimate: Estimate, method: str, findings: list[V
         groups["sample_stats"] = xr.Dataset({name: (("chain", "draw"), each) for name, each in estimate.statistics.items()})
     if len(estimate.trace):
         groups["trace"] = xr.Dataset({"objective": (("step",), np.asarray(estimate.trace, np.float64))})
-    tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
     recorded = {_FINDINGS: [[each.severity, each.finding, each.remedies] for each in findings]}
-    tree.attrs = {"poseppl_fit": VERSION, **encoded({"method": method, **estimate.attrs, **recorded})}
-    return tree
+    return tree_of(groups, {"poseppl_fit": VERSION, **encoded({"method": method, **estimate.attrs, **recorded})})
 
 
 ByName = dict[str, Floats]

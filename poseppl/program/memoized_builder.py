@@ -21,6 +21,8 @@ import functools
 import inspect
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from importlib import import_module
 from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
@@ -34,6 +36,10 @@ R = TypeVar("R")
 _MAX = 16
 """Results of a builder that its first argument keeps; beyond, the one that was not asked for longest goes."""
 _CACHE_ATTR = "_built"
+_surely_outside: Any = None
+"""Tells at once that nothing is being transformed; where JAX has no such function, an array is made to see."""
+with suppress(ImportError):
+    _surely_outside = getattr(import_module("jax._src.core"), "trace_state_clean", None)
 
 
 def memoized_builder(build: Callable[P, R]) -> Callable[P, R]:
@@ -67,6 +73,8 @@ def memoized_builder(build: Callable[P, R]) -> Callable[P, R]:
 
 def _is_tracing() -> bool:
     """Whether arrays made now would belong to a trace."""
+    if _surely_outside is not None and _surely_outside():
+        return False
     return isinstance(jax.device_put(np.zeros(())), jax.core.Tracer)  # which compiles nothing
 
 

@@ -119,10 +119,7 @@ def observe(
         kept[name], masks[name] = _observe_site(name, site, array, given_mask)
     if len(set(lengths.values())) > 1:
         raise ValueError(f"Observation sites differ in their number of frames: {lengths}. Expected one T for all.")
-    return Observation(
-        {name: jax.device_put(value) for name, value in kept.items()},  # compiles nothing, as jnp.asarray does
-        {name: jax.device_put(m) for name, m in masks.items()},
-    )
+    return Observation(*jax.device_put((kept, masks)))  # at once; compiles nothing, as jnp.asarray does
 
 
 def number_array(name: str, given: Any) -> np.ndarray[Any, Any]:

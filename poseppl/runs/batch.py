@@ -34,7 +34,6 @@ from poseppl.program.earlier_inputs import check_seen, with_earlier_data
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.compiled_scan import StepOutput, collect_kept, with_draws
 from poseppl.runs.contents import FLAT, HISTORY
 from poseppl.runs.filter_history import (
     HISTORY_AXES,
@@ -52,6 +51,7 @@ from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.outcome import angles_of
 from poseppl.runs.results import VERSION, encoded
 from poseppl.runs.run import Collect, Progress
+from poseppl.runs.step_output import StepOutput, collect_kept, with_draws
 
 _LOGGER = logging.getLogger("poseppl")
 _DRAWS = 20

@@ -21,7 +21,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.gaussians.marginals import Marginals
-from poseppl.particles.quantiles import column_quantiles
+from poseppl.particles.quantiles import column_quantiles, repeated_quantiles
 from poseppl.particles.resampling import systematic, systematic_draws
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
@@ -111,8 +111,11 @@ def collect_draws(
             chosen, thinned = systematic_draws(keys, log_weights, numbers)
         else:  # whose quantiles need no draws
             chosen = thinned = systematic(keys[1], log_weights, numbers[1])
-        sample = {name: value[chosen] for name, value in values.items()}
-        summary = summarise(values, weights, sample, exact)
+        if len(states) < len(chosen):  # each is sorted once, however often it was chosen
+            repeats = jnp.zeros(len(states), jnp.int32).at[chosen].add(1, indices_are_sorted=True)
+            summary = summarise(values, weights, values, exact, partial(repeated_quantiles, counts=repeats, number=len(chosen)))
+        else:
+            summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()}, exact)
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
         return draws_of(kept, summary, inputs)
 
@@ -141,6 +144,7 @@ def _summary(
     weights: Array | None,
     sample: Mapping[str, Array],
     exact: Marginals | None,
+    quantiles_of: Callable[..., Array] = column_quantiles,
 ) -> dict[str, Array]:
     """Summaries of values (N, ...) by name, quantiles from a sample of them; of the flat state from its moments if known."""
     values, sample = _about_direction(model, values, weights, sample)
@@ -156,7 +160,7 @@ def _summary(
     spread = {name: value for name, value in drawn.items() if name not in mean_only}
     for name, value in spread.items():
         summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - centres[name]), weights))
-    between = _quantiles({name: sample[name] for name in spread}, levels)
+    between = _quantiles({name: sample[name] for name in spread}, levels, quantiles_of)
     if exact is not None:
         between["state"] = exact.quantiles(levels)
         summary |= {"state_mean": exact.mean, "state_sd": exact.standard_deviation}
@@ -186,13 +190,13 @@ def _average(values: Array, weights: Array | None) -> Array:
     return jnp.mean(values, 0) if weights is None else jnp.tensordot(weights, values, 1)
 
 
-def _quantiles(sample: Mapping[str, Array], levels: Array) -> dict[str, Array]:
+def _quantiles(sample: Mapping[str, Array], levels: Array, quantiles_of: Callable[..., Array]) -> dict[str, Array]:
     """Quantiles (levels, ...) of each array (N, ...), all of them side by side."""
     if not sample:
         return {}
     sizes = [value[0].size for value in sample.values()]
     together = jnp.concatenate([value.reshape(value.shape[0], -1).astype(float) for value in sample.values()], 1)
-    parts = jnp.split(column_quantiles(together, levels), np.cumsum(sizes)[:-1], axis=1)
+    parts = jnp.split(quantiles_of(together, levels=levels), np.cumsum(sizes)[:-1], axis=1)
     return {
         name: part.reshape(len(levels), *value.shape[1:]) for (name, value), part in zip(sample.items(), parts, strict=True)
     }

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
-from poseppl.filters.base import Filter, FilterInfo, FilterState
+from poseppl.filters.base import Filter, FilterInfo
 from poseppl.filters.scan import (
     Collect,
     Frame,
@@ -28,51 +29,28 @@ from poseppl.filters.scan import (
     Predict,
     Start,
     begin,
-    collect_info,
     frame_keys,
     frame_program,
 )
 from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.particles.stacks import tree_index
-from poseppl.program import CompiledModel
-from poseppl.program.large_integers import are_exact
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
+from poseppl.runs.filter_history import bytes_of_frame
 from poseppl.runs.frame_sequence import FrameSequence, Layout
-from poseppl.runs.gaussian_draws import GaussianCollector, GaussianFrames, key_data
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.gaussian_draws import key_data
 from poseppl.runs.recompilation import tell_filter_defined_anew, warn_recompilation
+from poseppl.runs.step_output import StepOutput, collect_kept, joined, with_draws
 from poseppl.stored_programs import key_of, recalled
 
-_LONG, _SHORT = 64, 8
-"""Room for frames of a compiled call, whatever the parts of a run, so that all share one program, and its rounding: of most
-runs, and of those of large frames. A call takes as many frames as there are."""
+_LONGEST, _LONG, _SHORT = 512, 64, 8
+"""Room for frames of a compiled call, whatever the parts of a run, so that all share one program, and its rounding: of small
+frames, of most, and of large ones. A call takes as many frames as there are."""
 _KEYS = 512
 """Frames whose keys are made at once."""
-_LARGE = 2**20
-"""Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
+_SMALL, _LARGE = 2**10, 2**20
+"""Bytes of a frame's data, and of what is kept of it, up to which it is small, and beyond which it is large."""
 _TRACING = Lock()
 """NumPyro has one stack of handlers for all threads: programs are traced one after the other, and compiled side by side."""
-
-
-class StepOutput(NamedTuple):
-    """Draws and diagnosis kept of a frame; of a sequence, with a leading T.
-
-    Attributes:
-        outputs: Output of `collect`.
-        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
-        unique_ancestors: How many particles of the frame before have offspring.
-        finite: Whether all particles of positive weight were finite, and their integers exact.
-        prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
-        history: Record of it for smoothers, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
-    """
-
-    outputs: Any
-    info: FilterInfo
-    unique_ancestors: Any
-    finite: Any
-    prediction: Prediction | None
-    history: Any
 
 
 _key_programs: dict[Any, Any] = {}
@@ -106,51 +84,6 @@ def _keys_like(rng_key: Array, data: FrameKeys) -> FrameKeys:
     return keys
 
 
-@memoized_builder
-def collect_kept(filter: Filter, collect: Collect, keep: bool, lean: bool = False) -> Collect:
-    """Keep of a frame :class:`StepOutput`, with or without the filter's history.
-
-    With `lean`, outputs may be the moments of a Gaussian, of which :class:`GaussianCollector` makes draws.
-    """
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None) if lean else None
-
-    def collect_all(rng_key: Array, state: Any, info: FilterInfo, inputs: Any) -> StepOutput:
-        history = history_of_frame(filter, state, info) if keep else None
-        moments = gaussian.keep(state, inputs) if gaussian else None
-        outputs = moments or collect(rng_key, state, with_genealogy_alone(filter, info), inputs)
-        collected = collect_info(rng_key, state, info, inputs)
-        return StepOutput(outputs, collected, _num_unique(info.ancestors), is_finite(state, filter.model), None, history)
-
-    return collect_all
-
-
-def with_draws(collect: Collect, kept: StepOutput, key: NDArray[np.uint32], start: int = 0) -> StepOutput:
-    """Outputs of frames from `start` on, with draws in place of Gaussians; the key's data are those of one run or of series."""
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
-    if gaussian is None or not isinstance(kept.outputs, GaussianFrames):
-        return kept
-    return kept._replace(outputs=gaussian.draw(kept.outputs, key, start))
-
-
-def _num_unique(ancestors: Any) -> Any:
-    """How many particles have offspring; known when the program is traced where a filter names none."""
-    if isinstance(ancestors, np.ndarray):
-        return np.int32(len(np.unique(ancestors)))
-    return jnp.sum(jnp.zeros(ancestors.shape, jnp.int32).at[ancestors].set(1, mode="drop"))
-
-
-def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
-    """Whether all particles of positive weight, or the Gaussian, are finite; if the model is given, its integers are exact."""
-    posterior = getattr(state, "posterior", None)
-    if isinstance(posterior, Gaussian | RootGaussian):
-        return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in posterior]))
-    alive = state.log_weights > -jnp.inf
-    right = jnp.isfinite(state.particles).all(-1)
-    if model is not None:
-        right = right & are_exact(model.sites, state.particles)
-    return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
-
-
 class _Programs(NamedTuple):
     """The jitted functions of a run's frames: one of them, and a scan."""
 
@@ -161,14 +94,14 @@ class _Programs(NamedTuple):
 
 
 @memoized_builder
-def _start_program(filter: Filter, layout: Layout) -> Any:
-    """`(rng_key, frame, constant) -> Start`, jitted; how a run begins, whatever is kept of it."""
+def _start_program(filter: Filter, layout: Layout) -> tuple[Any, dict[Any, Start]]:
+    """`(rng_key, frame, constant) -> Start`, jitted; how a run begins, whatever is kept of it. Its shapes by kind of data."""
 
     def start(rng_key: Array, frame: Frame, constant: list[Any]) -> Start:
         key = _keys_like(rng_key, frame.keys).step
         return begin(filter, key, frame.observation, layout.join(frame.varying, constant))
 
-    return jit(start)
+    return jit(start), {}
 
 
 @memoized_builder
@@ -234,21 +167,30 @@ class CompiledRun:
         self._collect = collect
         self._keys: Any = None
         self._keys_from = -_KEYS
-        self._starting = _start_program(filter, sequence.layout)
-        self._key = key_of(self._first_data(), filter, collect, predict, sequence.layout)
-        start = recalled(self._key, "shapes", lambda: self._starting.eval_shape(*self._first_data()))
+        self._starting, shapes = _start_program(filter, sequence.layout)
+        first = self._first_data()
+        kind = abstract_signature(first)
+        self._key = key_of(first, filter, collect, predict, sequence.layout)
+        if kind not in shapes:
+            shapes[kind] = recalled(self._key, "shapes", lambda: self._starting.eval_shape(*first))
+        start = shapes[kind]
         self.history_bytes = bytes_of_frame(filter, start.state) * sequence.num_frames
         self.keeps_history = 0 < self.history_bytes <= history_bytes
         self._programs: _Programs = _programs(filter, collect, predict, sequence.layout, self.keeps_history)
-        self._made = self._programs.made.setdefault(abstract_signature(self._first_data()), {})
-        self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(start))
-        size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
-        self._length = _SHORT if size > _LARGE else _LONG
+        self._made = self._programs.made.setdefault(kind, {})
+        self.state, self._begun, self.blank, collected = self._once("blank", lambda: self._blank(start))
+        given = _bytes(sequence.frame(0))
+        room = _SHORT if given + _bytes(self.blank) > _LARGE else _LONG
+        self._length = min(_LONGEST, _KEYS) if given + collected <= _SMALL else room
         self._begin: Any = None
         self._scan: Any = None
 
     def compile(self, first: bool) -> None:
         """Compile both programs side by side; that of the start only if the first frame is wanted."""
+        scan = f"scan of {self._length}"
+        if scan in self._made and (not first or "start" in self._made):
+            self._scan, self._begin = self._made[scan], self._made.get("start")
+            return
         double = jnp.result_type(float) == jnp.float64  # which another thread does not know
 
         def start() -> Any:
@@ -257,8 +199,17 @@ class CompiledRun:
 
         with ThreadPoolExecutor(1) as pool:
             compiling = pool.submit(start) if first else None
-            self._scan = self._once(f"scan of {self._length}", self._compiled_scan)
+            self._scan = self._once(scan, self._compiled_scan)
             self._begin = compiling.result() if compiling else None
+
+    @property
+    def seconds(self) -> float | None:
+        """Seconds of a frame, as the latest run on data of this kind measured them; None before the first."""
+        return self._made.get("seconds")
+
+    @seconds.setter
+    def seconds(self, measured: float) -> None:
+        self._made["seconds"] = measured
 
     def feed(self, sequence: FrameSequence) -> None:
         """Go on with later frames, of the same shapes and constant inputs."""
@@ -279,7 +230,8 @@ class CompiledRun:
             state, frames = _on_host(self._scan(*self._scan_data(before, first, end)), end - first)
             before = before._replace(state=state)
             kept.append(frames)
-        return state, with_draws(self._collect, joined(kept), key_data(self._rng_key), start)
+        whole = kept[0] if len(kept) == 1 else joined(kept)
+        return state, with_draws(self._collect, whole, self._key_data, start)
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """Get what an earlier run made on data of the same kind, or make it now."""
@@ -297,29 +249,33 @@ class CompiledRun:
             lowered = self._programs.scan.lower(*self._scan_data(Start(self.state, self._begun), 0, 1))
         return compile_lowered(lowered, *_sizes(self.state))
 
-    def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput]:
-        """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
+    @cached_property
+    def _key_data(self) -> NDArray[np.uint32]:
+        return key_data(self._rng_key)
+
+    def _blank(self, start: Start) -> tuple[Any, FilterInfo | None, StepOutput, int]:
+        """Zeros in the shapes of the state, of its diagnosis by `init` and of what is kept, and how many bytes XLA's are."""
         rng_key, frame, constant = self._first_data()
         state, kept = self._programs.frame.eval_shape(rng_key, start, frame, constant)
         blank = jax.tree.map(lambda x: np.zeros((1, *x.shape), x.dtype), kept)
         state, begun = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, start.info))
-        return state, begun, tree_index(with_draws(self._collect, blank, key_data(self._rng_key)), 0)
+        return state, begun, tree_index(with_draws(self._collect, blank, self._key_data), 0), _bytes(blank)
 
     def _first_data(self) -> tuple[Any, ...]:
-        return self._rng_key, tree_index(self._frames(0, 1), 0), self._sequence.constant
+        return self._rng_key, tree_index(self._frames(0, 1, 1), 0), self._sequence.constant
 
-    def _frames(self, start: int, length: int) -> Frame:
-        """Frames from `start` on with their keys, which are made for more at once."""
-        if not self._keys_from <= start <= self._keys_from + _KEYS - length:
+    def _frames(self, start: int, stop: int, length: int) -> Frame:
+        """Frames from `start` to `stop` with their keys, which are made for more at once; beyond, up to `length`, any."""
+        if not self._keys_from <= start <= self._keys_from + _KEYS - (stop - start):
             self._keys = _keys_of_frames(self._rng_key, start)
             self._keys_from = start
         begin = start - self._keys_from
-        keys = tree_index(self._keys, slice(begin, begin + length))
+        keys = tree_index(self._keys, np.minimum(np.arange(begin, begin + length), _KEYS - 1))
         return Frame(keys, np.arange(start, start + length, dtype=np.int32), *self._sequence.rows(start, length))
 
     def _scan_data(self, start: Start, first: int, stop: int) -> tuple[Any, ...]:
         placed = start._replace(state=self.filter.to_devices(start.state))
-        frames = self._frames(first, self._length)
+        frames = self._frames(first, stop, self._length)
         return self._rng_key, placed, frames, np.int32(stop - first), self._sequence.constant
 
 
@@ -331,17 +287,17 @@ def _sizes(state: Any) -> tuple[int, int]:
     return np.size(state.log_weights), np.size(state.particles)
 
 
-def joined(parts: list[StepOutput]) -> StepOutput:
-    """Join the outputs of consecutive frames."""
-    whole: StepOutput = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    return whole
+def _bytes(tree: Any) -> int:
+    """Bytes of the arrays of a tree."""
+    return sum(leaf.nbytes for leaf in jax.tree.leaves(tree))
 
 
 def abstract_signature(data: Any) -> Any:
     """Key of compiled programs: structure, shapes, types and devices of the data, and type and device of new numbers."""
     leaves, structure = jax.tree.flatten(data)
-    new = jax.device_put(np.zeros(()))
-    return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))
+    config: Any = jax.config
+    new = jax.typeof(np.zeros(())), config.jax_default_device
+    return structure, new, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
 
 
 def _on_host(result: tuple[Any, StepOutput], num_frames: int) -> tuple[Any, StepOutput]:

@@ -27,18 +27,20 @@ HISTORY = "filter_history"
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
     """A group of a result, empty where it has none of this name."""
-    return tree[name].to_dataset() if name in tree.children else xr.Dataset()
+    group = tree.children.get(name)
+    return xr.Dataset() if group is None else group.to_dataset()
 
 
 def arrays_of(tree: xr.DataTree, group: str) -> dict[str, NDArray[Any]]:
     """The variables of a group by name, none where the result has no such group."""
-    return {str(name): values.values for name, values in group_of(tree, group).data_vars.items()}
+    data = group_of(tree, group)
+    return {str(name): each.values for name, each in data.variables.items() if name not in data.coords}
 
 
 def variable(tree: xr.DataTree, group: str, name: str) -> NDArray[Any] | None:
     """Values of a variable, None where the result has no such group or variable."""
     data = group_of(tree, group)
-    return np.asarray(data[name].values) if name in data else None
+    return np.asarray(data.variables[name].values) if name in data.variables else None
 
 
 def flat_draws(tree: xr.DataTree) -> xr.DataArray:
@@ -61,7 +63,7 @@ def names_of_result(tree: xr.DataTree) -> Names:
     """The names that a result was built with, as far as it has variables of them."""
     drawn, seen, summary = (group_of(tree, name) for name in ("posterior", "observed_data", "summary"))
     leading = ("chain", "draw", "frame")
-    variables = [*seen.items(), *drawn.items()]
+    variables = [(name, each) for data in (seen, drawn) for name, each in data.variables.items() if name not in data.coords]
     dims = {str(name): tuple(str(dim) for dim in each.dims if dim not in leading) for name, each in variables}
     finite = [str(name).removesuffix("_probability") for name in summary if str(name).endswith("_probability")]
     values = {name: summary[f"{name}_value"].values.tolist() for name in finite if f"{name}_value" in summary.coords}

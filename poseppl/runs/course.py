@@ -16,8 +16,9 @@ from poseppl.filters.base import FilterInfo
 from poseppl.filters.suitability import compatible_filters
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import overflow_message, overflown
-from poseppl.runs.compiled_scan import CompiledRun, StepOutput, joined
+from poseppl.runs.compiled_scan import CompiledRun
 from poseppl.runs.predictive import Prediction
+from poseppl.runs.step_output import StepOutput, joined
 
 OnFailure = Literal["continue", "stop"]
 _COLLAPSED, _MANY = 2, 10
@@ -151,7 +152,7 @@ class FilterRun:
 
     def _fault(self, kept: StepOutput) -> tuple[int, str] | None:
         """How many frames come before the one at which the run cannot go on, and why; None where it can."""
-        for index in range(len(kept.finite)):
+        for index in np.flatnonzero(~kept.finite | kept.info.failed).tolist():
             number = self._numbers[self.stop + index]
             if not kept.finite[index]:
                 return index, self._breakdown(index) + self._about_inputs(index)
@@ -174,7 +175,7 @@ class FilterRun:
 
     def _error(self, good: int, problem: str) -> RunError:
         kept, state = self._kept, self._state
-        if good and state is not None:  # the frames before it, for the state after them
+        if good:  # the frames before it, for the state after them
             state, head = self._calls.advance(state, self.stop, self.stop + good)
             kept = [*kept, head]
         done = None if state is None else self._run(kept, state)
@@ -182,7 +183,7 @@ class FilterRun:
 
     def _run(self, kept: list[StepOutput], state: Any) -> Run:
         seconds = self._compiled - self._started, time.perf_counter() - self._compiled
-        whole = joined(kept)
+        whole = kept[0] if len(kept) == 1 else joined(kept)
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         timing = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)

@@ -255,7 +255,8 @@ def _read(result: Any, smoother: Smoother, rng_key: Array) -> tuple[History, dic
     check_same_model(result, smoother.model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    history = history_of_result(result, jax.random.fold_in(rng_key, 0), smoother.reads_particles)
+    key = jax.random.fold_in(rng_key, 0) if smoother.reads_particles else rng_key  # which nothing else then uses
+    history = history_of_result(result, key, smoother.reads_particles)
     return history, arrays_of(result, "observed_data")
 
 

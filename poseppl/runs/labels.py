@@ -11,6 +11,7 @@ other are called ``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -18,10 +19,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from poseppl.runs.datasets import dataset_of
+
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 """The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
 
 Dims = Mapping[str, tuple[str, ...]]
+_CACHED_BYTES = 2**18
+"""Size of coordinates up to which they are kept for later results."""
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -54,7 +59,15 @@ def coordinates(
         **{f"{name}_value": np.array(given) for name, given in names.values.items()},
         "quantile": np.array(quantiles, float),
     }
-    return xr.Coordinates(values)
+    if sum(each.nbytes for each in values.values()) > _CACHED_BYTES or any(each.dtype.hasobject for each in values.values()):
+        return xr.Coordinates(values)
+    return _indexed(tuple((dim, each.dtype, each.shape, each.tobytes()) for dim, each in values.items()))
+
+
+@lru_cache(maxsize=16)
+def _indexed(values: tuple[tuple[str, np.dtype[Any], tuple[int, ...], bytes], ...]) -> xr.Coordinates:
+    """Coordinates with their indexes, which several results share: their arrays cannot be written to."""
+    return xr.Coordinates({dim: np.ndarray(shape, dtype, data) for dim, dtype, shape, data in values})
 
 
 def _dims_of(name: str, number: int, dims: Dims) -> tuple[str, ...]:
@@ -96,13 +109,9 @@ def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: xr.
     Raises:
         ValueError: A shape does not agree with the coordinates.
     """
-    known_variables, sizes = known.variables, {str(dim): each.size for dim, each in known.variables.items()}
+    sizes = {str(dim): each.size for dim, each in known.variables.items()}
     for name, (dims, values) in data.items():
         wanted = tuple(sizes.get(dim, size) for dim, size in zip(dims, values.shape, strict=False))
         if values.ndim != len(dims) or values.shape != wanted:
             raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
-    taken = {dim for dims, _ in data.values() for dim in dims}
-    used = [dim for dim in sizes if dim in taken]
-    # with the existing indexes, which xarray would create again for each group
-    coords = xr.Coordinates({dim: known_variables[dim] for dim in used}, {dim: known.xindexes[dim] for dim in used})
-    return xr.Dataset({name: xr.Variable(dims, values, fastpath=True) for name, (dims, values) in data.items()}, coords)
+    return dataset_of({name: xr.Variable(dims, values, fastpath=True) for name, (dims, values) in data.items()}, known)

@@ -25,10 +25,10 @@ from poseppl.program.earlier_inputs import at_frame, following
 from poseppl.program.explanation import check_inputs
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.observation import check_frame_shapes, check_is_observation
-from poseppl.runs.compiled_scan import is_finite
 from poseppl.runs.course import RunError, breakdown_message
 from poseppl.runs.frame_sequence import device_array
 from poseppl.runs.recompilation import tell_filter_defined_anew
+from poseppl.runs.step_output import is_finite
 
 
 class Online:

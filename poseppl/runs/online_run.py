@@ -26,10 +26,11 @@ from poseppl.program.earlier_data import EarlierDataModel, WithEarlier
 from poseppl.program.earlier_inputs import following, with_earlier_data
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.compiled_scan import CompiledRun, StepOutput
+from poseppl.runs.compiled_scan import CompiledRun
 from poseppl.runs.course import FilterRun, OnFailure, Run
 from poseppl.runs.frame_sequence import FrameSequence, frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
+from poseppl.runs.step_output import StepOutput
 
 
 class OnlineRun:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.contents import HISTORY, arrays_of, flat_draws, frame_numbers, group_of, names_of_result
+from poseppl.runs.datasets import dataset_of
 from poseppl.runs.filter_history import history_variables
 from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.results import Names, build_result, provenance
@@ -113,10 +114,12 @@ def smoothed_result(
     of_filter = {"filter seconds": known.get("wall_seconds"), "filter closed form": known.get("closed form")}
     recorded = {**known, **of_filter, **attrs, **parts.pop("attrs")}
     fitted = parts.pop("others", {})
-    before = xr.Dataset(
-        {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
-        | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
-    ).drop_vars("quantile", errors="ignore")
+    summary, stats = group_of(filtered, "summary"), group_of(filtered, "sample_stats")
+    before = dataset_of(
+        {name: summary.variables[name] for name in ("state_mean", "state_sd")}
+        | ({"ess": stats.variables["ess"]} if "ess" in stats.variables else {}),
+        summary.coords,
+    )
     kept = [
         name
         for name, group in filtered.children.items()

@@ -55,6 +55,7 @@ from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import FLAT, HISTORY, group_of
+from poseppl.runs.datasets import tree_of
 from poseppl.runs.filter_history import HISTORY_AXES
 from poseppl.runs.labels import QUANTILES as QUANTILES, Dims, Names as Names, checked, coordinates, labelled, labelled_summary
 
@@ -144,9 +145,7 @@ def build_result(
     if inputs is not None:
         groups["inputs"] = labelled(inputs, (), known, dims)
     groups |= _of_algorithms(known, predictive, history or {})
-    tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in (groups | dict(others or {})).items()})
-    tree.attrs = _root_attrs(rate, num_particles, attrs or {})
-    return tree
+    return tree_of(groups | dict(others or {}), _root_attrs(rate, num_particles, attrs or {}))
 
 
 def _of_algorithms(

@@ -28,14 +28,15 @@ from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
-from poseppl.runs.compiled_scan import CompiledRun, StepOutput as StepOutput
+from poseppl.runs.compiled_scan import CompiledRun
 from poseppl.runs.course import FilterRun, OnFailure, Run as Run, RunError as RunError
 from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, FrameSequence, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
+from poseppl.runs.step_output import StepOutput as StepOutput
 
 _LOGGER = logging.getLogger("poseppl")
-_LONGEST = 64
+_LONGEST = 512
 """Frames in one call at most, where their number adapts."""
 _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
@@ -81,7 +82,7 @@ def run_filter(
         predict: Checks of each frame's data, of :func:`poseppl.runs.predictive.predictive_checks`; nothing else needs them.
         num_frames: T; as many as there are data if None.
         chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it. If None, 8
-            with a checkpoint, else as many as take about a quarter of a second, from 8 to 64.
+            with a checkpoint, else as many as take about a quarter of a second, from 8 to 512.
         progress: Reports the run's progress.
         checkpoint: Folder to which the run is saved after each chunk, and from which it is resumed.
         on_failure: Action at a frame with zero likelihood: "continue" from its prediction, or "stop".
@@ -122,25 +123,40 @@ def run_filter(
             course.take(state, kept)
             if progress:
                 progress.advance(len(kept.finite))
-        _go_on(course, num_frames, length, checkpoint, progress, adapts)
+        _go_on(course, calls, num_frames, length, checkpoint, progress, adapts)
     return course.finish()
 
 
 def _go_on(
-    course: FilterRun, num_frames: int, length: int, checkpoint: Checkpoint | None, progress: Progress | None, adapts: bool
+    course: FilterRun,
+    calls: CompiledRun,
+    num_frames: int,
+    length: int,
+    checkpoint: Checkpoint | None,
+    progress: Progress | None,
+    adapts: bool,
 ) -> None:
-    """Run the frames that are left, in parts of this length, or as many at a time as take about a quarter of a second."""
-    pace = _SAVED if adapts else length
+    """Run the frames that are left, in parts of this length, or as many at a time as take about a quarter of a second.
+
+    The first frame is a part of its own, unless an earlier run has measured how long frames take.
+    """
+    first = adapts and calls.seconds is not None
+    pace = _pace(calls.seconds, length) if adapts else length
     while course.stop < num_frames:
         start, began = course.stop, time.perf_counter()
-        state, kept = course.advance(min(start + pace, num_frames) if start else 1)
+        state, kept = course.advance(min(start + pace, num_frames) if start or first else 1)
         if adapts:
-            seconds = (time.perf_counter() - began) / (course.stop - start)
-            pace = min(max(int(_TARGET_CHUNK_SECONDS / max(seconds, 1e-9)), _SAVED), length)
+            calls.seconds = (time.perf_counter() - began) / (course.stop - start)
+            pace = _pace(calls.seconds, length)
         if checkpoint is not None:
             checkpoint.save(start, course.stop, state, kept)
         if progress:
             progress.advance(course.stop - start)
+
+
+def _pace(seconds: float | None, length: int) -> int:
+    """How many frames take about a quarter of a second, if one takes so many seconds; few where that is unknown."""
+    return _SAVED if seconds is None else min(max(int(_TARGET_CHUNK_SECONDS / max(seconds, 1e-9)), _SAVED), length)
 
 
 def _saved(

@@ -28,11 +28,12 @@ from poseppl.program import Observation
 from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.runs.compiled_scan import abstract_signature, is_finite
+from poseppl.runs.compiled_scan import abstract_signature
 from poseppl.runs.frame_sequence import device_array, frame_sequence
 from poseppl.runs.gaussian_draws import GaussianCollector
 from poseppl.runs.recompilation import warn_recompilation
 from poseppl.runs.run import Collect
+from poseppl.runs.step_output import is_finite
 from poseppl.smoothers.base import Approximation, History, Smoothed, Smoother, SmoothingInfo
 from poseppl.stored_programs import key_of, recalled
 
@@ -105,15 +106,13 @@ def run_smoother(
             "collect=collect_history), with all particles, weights and ancestors."
         )
     check_key(rng_key)
-    history = jax.tree.map(device_array, history)
+    history = jax.tree.map(lambda leaf: leaf if isinstance(leaf, np.ndarray) else device_array(leaf), history)
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, with_earlier_data(smoother.model, observations, inputs), num_frames)
     whole = sequence.stacked_inputs()
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
-    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
-    if smoother.passes is None or gaussian is None or not gaussian.serves(tree_index(whole, 0)):
-        gaussian = None
+    gaussian = _gaussian(smoother, collect, whole)
     compiled = _compiled(smoother, gaussian is not None, rng_key, history, data, whole)
     ready, processor = time.perf_counter(), time.process_time()
     smoothed = compiled(rng_key, history, data, whole)
@@ -162,6 +161,23 @@ def mask_failed(observations: Observation, failed: Array | Booleans) -> Observat
         return mask & ~failed.reshape(-1, *(1,) * (mask.ndim - 1))
 
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
+
+
+def _gaussian(smoother: Smoother, collect: Collect, inputs: Any) -> GaussianCollector | None:
+    """The collector of draws of the smoother's Gaussians; None where it has none, or the result has more than draws."""
+    gaussian: GaussianCollector | None = getattr(collect, "gaussian", None)
+    if smoother.passes is None or gaussian is None:
+        return None
+    serves, kind = _serving(smoother, collect), abstract_signature(inputs)
+    if kind not in serves:
+        serves[kind] = gaussian.serves(tree_index(inputs, 0))
+    return gaussian if serves[kind] else None
+
+
+@memoized_builder
+def _serving(smoother: Smoother, collect: Collect) -> dict[Any, bool]:
+    """Whether the collector of Gaussians serves, by the kind of the inputs."""
+    return {}
 
 
 def _compiled(smoother: Smoother, passes: bool, *given: Any) -> Any:

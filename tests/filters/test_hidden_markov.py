@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
@@ -12,10 +13,11 @@ from oracles.forward_backward import forward_backward
 from poseppl_models.toys.finite_hmm import finite_hmm
 from poseppl_models.toys.growth import growth
 
-from poseppl.filters import hidden_markov_filter
+from poseppl.filters import hidden_markov, hidden_markov_filter
 from poseppl.filters.hidden_markov import state_values
 from poseppl.filters.scan import scan_filter
 from poseppl.program import StateSpaceModel
+from poseppl.runs.log_likelihood import log_likelihood
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import collect_history, forward_backward_smoother
 
@@ -33,6 +35,43 @@ def test_equal_to_forward_filtering(matrices):
     filtered, _, increments = forward_backward(*matrices, np.where(seen, symbols, -1))
     np.testing.assert_allclose(np.exp(run.outputs.log_weights), filtered, atol=1e-6)
     np.testing.assert_allclose(run.info.log_evidence, increments, atol=1e-5)
+
+
+@pytest.mark.parametrize("most", [0, 2**22], ids=["frame by frame", "densities at once"])
+@pytest.mark.parametrize("frames", [1, 12])
+def test_densities_of_all_frames_at_once_change_nothing(frames, most, monkeypatch):
+    """The oracle's evidence, and its differences by a parameter, with an input that changes the transition of each frame."""
+    monkeypatch.setattr(hidden_markov, "_MAX_AT_ONCE", most)
+    stay, symbols = RNG.uniform(0.5, 0.9, frames), RNG.integers(0, 2, frames).astype(np.int32)
+
+    def start(params, inputs):
+        numpyro.sample("x", dist.Bernoulli(0.3))
+
+    def move(params, state, inputs):
+        numpyro.sample("x", dist.Bernoulli(jnp.where(state["x"] == 1, inputs, 1 - inputs)))
+
+    def observe(params, state, inputs):
+        numpyro.sample("y", dist.Bernoulli(jnp.where(state["x"] == 1, params["hit"], 0.2)))
+
+    def parameters():
+        numpyro.sample("hit", dist.Uniform(0.0, 1.0))
+
+    def evidence(hit):
+        chances, total = np.array([0.7, 0.3]), 0.0
+        for t, symbol in enumerate(symbols):
+            if t:
+                chances = chances @ np.array([[stay[t], 1 - stay[t]], [1 - stay[t], stay[t]]])
+            chances = chances * np.abs([0.2, hit] - (1.0 - symbol))
+            total += np.log(chances.sum())
+            chances = chances / chances.sum()
+        return total
+
+    model = StateSpaceModel(start, move, observe, parameters).compile(0.5)
+    value, slope = jax.value_and_grad(
+        lambda hit: log_likelihood(model, {"hit": hit}, {"y": symbols}, hidden_markov_filter, inputs=stay)
+    )(0.8)
+    np.testing.assert_allclose(value, evidence(0.8), rtol=1e-5)
+    np.testing.assert_allclose(slope, (evidence(0.8 + 1e-5) - evidence(0.8 - 1e-5)) / 2e-5, rtol=1e-4)
 
 
 @pytest.mark.full

@@ -10,6 +10,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+import xarray as xr
 
 import poseppl
 from poseppl.runs import compiled_scan
@@ -54,6 +55,51 @@ def test_a_run_traces_each_program_once_and_a_later_one_none(build):
     assert EVENTS[COMPILE] <= 4  # the run's keys, its start, its frames, and the key above
     filtered(model, filter, key=1)
     assert EVENTS[TRACE] == EVENTS[COMPILE] == CALLS["transition"] == 0
+
+
+def test_later_results_are_one_call_for_all_frames_and_trees_without_checks(monkeypatch):
+    """The calls of a later run are of the keys, the start, the frames and the smoother; xarray aligns nothing."""
+    model = poseppl.StateSpaceModel(initial, transition, observation).compile()
+    filter, smoother = poseppl.kalman_filter(model), poseppl.smoothers.rauch_tung_striebel_smoother(model)
+
+    def both(key):
+        result = poseppl.infer(model, {"z": np.zeros(200)}, filter, jax.random.key(key))
+        return result, poseppl.smooth(result, smoother, jax.random.key(key))
+
+    first = both(0)
+    monkeypatch.setattr(jax.stages.Compiled, "__call__", counting(jax.stages.Compiled.__call__, "compiled"))
+    monkeypatch.setattr(xr.Dataset, "__init__", counting(xr.Dataset.__init__, "datasets"))
+    CALLS.clear()
+    again = both(0)
+    assert CALLS["compiled"] == 4 and CALLS["datasets"] == 0
+    for one, other in zip(first, again, strict=True):
+        for group in ("posterior", "summary", "sample_stats"):
+            assert one[group].identical(other[group])
+
+
+def counting(function, name):
+    def counted(*args, **kwargs):
+        CALLS[name] += 1
+        return function(*args, **kwargs)
+
+    return counted
+
+
+@pytest.mark.parametrize("build", [poseppl.kalman_filter, lambda model: poseppl.filters.ensemble_kalman_filter(model, 20)])
+def test_reverse_mode_keeps_no_more_than_states_and_diagnoses(build):
+    """Whatever a frame computes besides, reverse mode computes again."""
+    model = poseppl.StateSpaceModel(initial, transition, seen_with_noise, parameters).compile()
+    data = model.observe({"z": np.zeros(30)})
+
+    def value(scale):
+        return poseppl.log_likelihood(model, {"scale": scale}, data, build)
+
+    def stacked(traced):
+        scan = next(each for each in traced.jaxpr.eqns if each.primitive.name == "scan")
+        return len(scan.outvars) - scan.params["num_carry"]
+
+    plain, reverse = stacked(jax.make_jaxpr(value)(1.0)), stacked(jax.make_jaxpr(jax.grad(value))(1.0))
+    assert reverse <= plain + 6
 
 
 def parameters():

@@ -36,9 +36,9 @@ from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import with_frames
 from poseppl.motion.tracking.track import Tracking, prepare
 from poseppl.motion.tracking.walk import ASSUMED_RATE
-from poseppl.runs.compiled_scan import StepOutput
 from poseppl.runs.labels import QUANTILES
 from poseppl.runs.online_run import OnlineRun
+from poseppl.runs.step_output import StepOutput
 
 MAX_DRAWS = 20
 """Draws kept of each chain, or of all particles, by default: how many frames will come is not known."""
