@@ -175,7 +175,9 @@ def test_errors_and_notes_name_options_on_the_command_line_alone(
     capsys: pytest.CaptureFixture[str], here: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(settings: Any) -> None:
-        raise InputError("nobody", field=poseppl.errors.Argument("files"), expected=poseppl.motion.io.length_units.UNKNOWN_UNIT)
+        raise InputError(
+            "nobody", field=poseppl.errors.Argument("files"), expected=poseppl.motion.io.units_and_axes.UNKNOWN_UNIT
+        )
 
     monkeypatch.setattr("poseppl.motion.sources.scene_of_keypoints", refused)
     Path("pose").mkdir()

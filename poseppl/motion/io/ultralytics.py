@@ -16,8 +16,7 @@ from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.detections import MAX_PEOPLE, DetectedPeople
 from poseppl.motion.io.json_people import numbered_files, same_points
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
-from poseppl.motion.io.layout_guess import with_layout
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, with_layout
 from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 
 EXPECTED = "a folder of Ultralytics' text files, one a frame: class, box, and x, y, confidence of each point"

@@ -19,7 +19,7 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import scaled
-from poseppl.motion.io.length_units import MM_PER_UNIT
+from poseppl.motion.io.units_and_axes import MM_PER_UNIT
 from poseppl.motion.tracking.placing import cameras_of_records
 
 STATURE = 1.75

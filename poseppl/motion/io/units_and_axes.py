@@ -1,8 +1,8 @@
-"""Which axis of a recording or a calibration points up.
+"""Units of length in files, and which axis of a recording or a calibration points up.
 
-The user's choice comes first, then what the file states. Without these the head of a person is above the feet: the mean
-direction from the lower to the upper points, over all frames, chooses the axis if it lies near one. After it come a skeleton's
-pose at rest, the longest extent of an upright body, and what is usual in the format.
+The user's choice of the axis comes first, then what the file states. Without these the head of a person is above the feet: the
+mean direction from the lower to the upper points, over all frames, chooses the axis if it lies near one. After it come a
+skeleton's pose at rest, the longest extent of an upright body, and what is usual in the format.
 """
 
 from __future__ import annotations
@@ -15,7 +15,22 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, Location, Phrase, brief
-from poseppl.motion.io.name_matching import folded, without_prefixes
+from poseppl.motion.io.names import folded, without_prefixes
+
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
+UNKNOWN_UNIT = Phrase("the calibration does not state its unit; metres are assumed (", Argument("unit"), " sets it)")
+
+
+def mm_per_unit(unit: object, at: Location) -> float:
+    """How many mm a unit has.
+
+    Raises:
+        InputError: It is none of the names in :data:`MM_PER_UNIT`.
+    """
+    if not isinstance(unit, str) or unit not in MM_PER_UNIT:
+        raise at.error(f"unit {brief(unit)}", " or ".join(f'"{known}"' for known in MM_PER_UNIT))
+    return MM_PER_UNIT[unit]
+
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 _GIVEN = Phrase(Argument("up"), " says so")

@@ -1,19 +1,16 @@
-"""Points as SLEAP exports them for analysis, an HDF5 file.
-
-``tracks`` (tracks, 2, nodes, frames) has the positions of all animals' nodes in all frames, NaN where there is none, and
-``point_scores`` (tracks, nodes, frames) their scores. Newer exports have other orders, which their attribute ``dims`` gives.
-Points without a score, such as those that were corrected by hand, have a confidence of 1.
-"""
+"""Points that detectors store as arrays: SLEAP in HDF5, FreeMoCap as one NumPy array of all cameras."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, cut
+from poseppl.files.array_reading import read_array
 from poseppl.files.hdf5_reading import array, attribute, open_hdf5, texts
 from poseppl.motion.io.detections import (
     MAX_FRAMES,
@@ -24,13 +21,18 @@ from poseppl.motion.io.detections import (
     check_names,
     people_of_table,
 )
+from poseppl.motion.io.keypoint_layouts import LAYOUTS
 
-_EXPECTED = "an analysis file of SLEAP (Export Analysis HDF5)"
+_SLEAP = "an analysis file of SLEAP (Export Analysis HDF5)"
 _TRACKS, _SCORES = ("track", "xy", "node", "frame"), ("track", "node", "frame")
 
 
 def read_sleap(path: FilePath) -> DetectedPeople:
     """Read an analysis file of SLEAP.
+
+    ``tracks`` (tracks, 2, nodes, frames) has the positions of all animals' nodes in all frames, NaN where there is none, and
+    ``point_scores`` (tracks, nodes, frames) their scores. Newer exports have other orders, which their attribute ``dims``
+    gives. Points without a score, such as those that were corrected by hand, have a confidence of 1.
 
     Args:
         path: The file.
@@ -42,7 +44,7 @@ def read_sleap(path: FilePath) -> DetectedPeople:
         InputError: The file is none, is damaged, or holds no point.
     """
     at = Location(path)
-    with open_hdf5(path, _EXPECTED) as file:
+    with open_hdf5(path, _SLEAP) as file:
         nodes = texts(array(file, "node_names", at))
         tracks = texts(array(file, "track_names", at)) if "track_names" in file else []
         points = _ordered(file, "tracks", _TRACKS, at)
@@ -91,3 +93,36 @@ def _dimensions(file: Any, name: str, at: Location) -> tuple[str, ...] | None:
     except (ValueError, TypeError, RecursionError) as error:
         raise at.in_field("dims").error("no names of axes", ", ".join(_TRACKS)) from error
     return tuple(map(str, names)) if isinstance(names, list) else ()
+
+
+_BODY = LAYOUTS["mediapipe33"]
+_FREEMOCAP = f"numbers by camera, frame, point and x, y, with {len(_BODY)} points of the body first"
+
+
+def read_freemocap(path: FilePath, camera: str | None, cameras: Sequence[str] = ()) -> DetectedPeople:
+    """Read one camera of FreeMoCap's array.
+
+    The array is (cameras, frames, points, 2 or 3) in px. Points are MediaPipe's 33 of the body; those of hands and face that
+    follow are left out. A point that was not found is NaN, or at 0, 0. There is no confidence: a point that was found has 1.
+
+    Args:
+        path: The .npy file.
+        camera: The camera.
+        cameras: All cameras of the calibration, in the order of the array.
+
+    Raises:
+        InputError: The file is no such array, or has another number of cameras.
+    """
+    at = Location(path)
+    values = read_array(path, max_values=MAX_VALUES)
+    if values.ndim != 4 or values.shape[3] not in (2, 3) or not len(_BODY) <= values.shape[2] <= MAX_POINTS:
+        raise at.error(f"an array of shape {values.shape}", _FREEMOCAP)
+    if camera is None or camera not in cameras or len(values) != len(cameras):
+        problem = f"the array has {len(values)} cameras, the calibration {len(cameras)}: {', '.join(cameras)}"
+        raise at.error(problem, "a calibration of the cameras of the array, in their order")
+    if not 0 < values.shape[1] <= MAX_FRAMES:
+        raise at.error(f"{values.shape[1]} frames", f"1 to {MAX_FRAMES}")
+    own: Floats = np.asarray(values, np.float64)[list(cameras).index(camera)]
+    points = own[:, : len(_BODY), :2]
+    table = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2)[:, None]
+    return people_of_table(table, np.arange(len(table)), _BODY, at)._replace(layout="mediapipe33")
