@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
-from poseppl_papers.provenance import Kept, Provenance, write_folder
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Kept, Provenance, Table, write_folder
 from rich.console import Console
 from rich.table import Table as ShownTable
 

@@ -34,9 +34,8 @@ import jax.numpy as jnp
 import matplotlib
 import numpy as np
 from poseppl_models.bodies.choo_fleet import full_body
-from poseppl_models.bodies.joint_limits import joint_limits
-from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
-from poseppl_papers.tables import Table
+from poseppl_models.bodies.joint_angles import joint_limits
+from poseppl_papers.tables import Kept, Provenance, Table, read_folder, write_folder
 
 from benchmarks.timing import show
 from poseppl.jobs.versions import versions

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pytest
-from poseppl_models.peursum.factored_motion import factored_motion
+from poseppl_models.peursum.factored_system import factored_motion
+from poseppl_papers.peursum.claims import walk_claims
+from poseppl_papers.peursum.factored_draws import Particles, RootWalk, log_transition_matrix, reweigh
 from poseppl_papers.peursum.factored_evidence import log_tables
-from poseppl_papers.peursum.factored_fbs import Particles, RootWalk, log_transition_matrix, reweigh
 from poseppl_papers.peursum.plan import FULL, QUICK, plan_walks
 from poseppl_papers.peursum.tracks import Track
-from poseppl_papers.peursum.walk_claims import walk_claims
 from poseppl_papers.peursum.walk_tables import COLUMNS, kind_of, walks
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.tables import Table

@@ -21,14 +21,23 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.learned import MotionModel, read_motion_model
 from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.bodies.joint_limits import hard_limits
+from poseppl_models.bodies.joint_angles import hard_limits
 from poseppl_models.bodies.learned_motion import Activity, learned_motion
 from poseppl_models.bodies.random_walk import walking_body
-from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.darby.body import darby_body
 from poseppl_models.images.body_constraints import parts_apart
 from poseppl_models.images.image_program import ImageInputs, camera_likelihood
-from poseppl_models.images.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
-from poseppl_models.images.image_systems import BETA, darby_weight, limbs_of, measured_body, two_way_inputs
+from poseppl_models.images.image_systems import (
+    BETA,
+    ImageSystem,
+    LearnedMotion,
+    SeenPerson,
+    Sight,
+    darby_weight,
+    limbs_of,
+    measured_body,
+    two_way_inputs,
+)
 
 
 def darby_learned_system(
@@ -89,7 +98,7 @@ def darby_learned_system(
 def _check(model: MotionModel, body: ConeBody, rate: float, file: str) -> None:
     if tuple(model.coordinates) != tuple(body.tree.coordinate_names):
         raise InputError(
-            "the motion is of another body", file=file, expected="one that poseppl_models.darby.marker_body:full_body learned"
+            "the motion is of another body", file=file, expected="one that poseppl_models.darby.body:full_body learned"
         )
     if abs(model.rate / rate - 1) > 1e-3:
         raise InputError(f"{model.rate:g} frames a second", file=file, expected=f"{rate:g}, as the person is seen")

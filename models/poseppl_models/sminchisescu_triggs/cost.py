@@ -41,9 +41,14 @@ from jax import Array
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.program import Leclerc, Lorentzian, RobustError
-from poseppl_models.sminchisescu_triggs.contour_nodes import ContourNodes, contour_nodes, nodes_facing, project_point
-from poseppl_models.sminchisescu_triggs.line_search import edges_along_normals
-from poseppl_models.sminchisescu_triggs.occlusion import hidden
+from poseppl_models.sminchisescu_triggs.contours import (
+    ContourNodes,
+    contour_nodes,
+    edges_along_normals,
+    hidden,
+    nodes_facing,
+    project_point,
+)
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics, local_nodes, part_axes, place_in
 
 Parts = tuple[Array, Array]

@@ -2,7 +2,8 @@
 
 "Our initialization method also estimates the most important internal proportions and shape parameters, subject to a soft prior
 based on standard humanoid dimensions" (section 2). The state has the joints within their limits and one site ``sizes``: the n
-sizes whitened by the anthropometric prior (:mod:`poseppl_models.bodies.humanoid`), so that the prior is a standard normal and
+sizes whitened by the anthropometric prior (:mod:`poseppl_models.bodies.anthropometry`), so that the prior is a standard normal
+and
 
     mm = mu_a + chol(Sigma_a) sizes,
 
@@ -32,7 +33,7 @@ from poseppl.motion.geometry.batched_score import batched_score
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
-from poseppl_models.bodies.humanoid import INTERNAL, LIMBS, anthropometric_prior
+from poseppl_models.bodies.anthropometry import INTERNAL, LIMBS, anthropometric_prior
 from poseppl_models.bodies.limited_walk import limited_walk
 from poseppl_models.bodies.random_walk import joint_sites
 from poseppl_models.sminchisescu_triggs.body import Kind, SuperquadricBody, superquadric_body

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from poseppl_models.images.image_system import SeenPerson, Sight
+from poseppl_models.images.image_systems import SeenPerson, Sight
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError

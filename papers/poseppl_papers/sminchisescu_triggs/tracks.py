@@ -24,8 +24,7 @@ from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.runs import stacked
-from poseppl_papers.sminchisescu_triggs.motions import BEGIN, Moving, moving
-from poseppl_papers.sminchisescu_triggs.reflections import axis_of_motion
+from poseppl_papers.sminchisescu_triggs.motions import BEGIN, Moving, axis_of_motion, moving
 from poseppl_papers.sminchisescu_triggs.survival import lost_at
 from poseppl_papers.sminchisescu_triggs.trackers import TRACKERS, Tracker, search_settings
 

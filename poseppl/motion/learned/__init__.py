@@ -1,7 +1,7 @@
 """Activities learned from recordings: principal components of angles with a hidden Markov model, and tables of bins.
 
 Trained once and kept in a file of its own; :mod:`poseppl_models.bodies.learned_motion` and
-:mod:`poseppl_models.peursum.factored_motion` make programs of them.
+:mod:`poseppl_models.peursum.factored_system` make programs of them.
 """
 
 from poseppl.motion.learned.factored_tables import (

@@ -1,6 +1,6 @@
 """The tables of a factored-state hierarchical hidden Markov model of a body's motion, and their files.
 
-Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.3); :mod:`poseppl_models.peursum.factored_motion`
+Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.3); :mod:`poseppl_models.peursum.factored_system`
 makes programs of them, and tells what each means.
 """
 

@@ -21,7 +21,7 @@ from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.full
 
-BODY = "poseppl_models.darby.marker_body:full_body"
+BODY = "poseppl_models.darby.body:full_body"
 VIDEO_BODY = "poseppl_models.bodies.choo_fleet:full_body"
 
 
@@ -90,7 +90,7 @@ def test_what_a_prior_is_not_for(data_dir, learned):
     for scene, words in (
         (
             scene_of(data_dir, "poseppl_models.bodies.choo_fleet:full_body"),
-            "model: it was learned with the body poseppl_models.darby.marker_body",
+            "model: it was learned with the body poseppl_models.darby.body",
         ),
         (scene_of(data_dir, frames="0:20:4"), "of 20 frames a second, the scene of 30"),
     ):

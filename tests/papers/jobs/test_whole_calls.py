@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from job_samples import Draw, draw
 from poseppl_papers.experiment import Experiment, Jobs, Part, Results, Task
-from poseppl_papers.provenance import RECORD
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.reproduction import reproduce
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import RECORD, Table
 
 from poseppl.errors import InputError
 from poseppl.jobs import run, versions

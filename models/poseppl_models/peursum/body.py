@@ -1,4 +1,4 @@
-"""The body of Peursum, Venkatesh and West (2010, section 3.4): 28 dimensions, loose cylinders, a fixed scale.
+"""The body of Peursum, Venkatesh and West (2010, section 3.4): 28 dimensions, loose cylinders or points, a fixed scale.
 
 doi:10.1007/s11263-009-0205-5.
 
@@ -11,12 +11,20 @@ own.
 >>> body = peursum_body()
 >>> body.tree.dimension, len(body.flesh.names)
 (28, 12)
+
+>>> body = full_body()
+>>> body.tree.dimension, len(body.tree.marker_names)
+(28, 15)
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from poseppl.motion.bodies.body import Body
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths, segment_radii
-from poseppl_models.bodies.cone_body import ConeBody, cone_body, limb_cones, trunk_cones
+from poseppl_models.bodies.cone_body import ConeBody, cone_body, fitted_stature, limb_cones, trunk_cones
+from poseppl_models.darby.body import seen_as_points
 
 LOOSENESS = 1.25
 """By how much cylinders are thicker than the segments within."""
@@ -37,3 +45,14 @@ def peursum_body(scale: float = 1.0) -> ConeBody:
     reach = {**lengths, "forearm": lengths["forearm"] + SHORT_HAND * lengths["hand"]}
     limbs = limb_cones(reach, radii, ("upper_arm", "forearm", "thigh", "shank", "foot"))
     return cone_body(lengths, AXES, [*trunk_cones(lengths, radii), *limbs])
+
+
+def full_body(lengths: Mapping[str, float] | None = None) -> Body:
+    """Build the body in the size of a person; its proportions are fixed.
+
+    Args:
+        lengths: Segment lengths, mm, from which its stature follows.
+    """
+    sizes = segment_lengths() | dict(lengths or {})
+    stature = fitted_stature({name: length for name, length in sizes.items() if name != "head"})
+    return seen_as_points(peursum_body(stature / STATURE), sizes)

@@ -1,6 +1,15 @@
-"""The ten-cone body of Darby, Li and Costen (2008) seen as points: 31 coordinates that walk at random, as NumPyro programs.
+"""The body of Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348, section 3): 31 coordinates; 10 cones, or points.
 
-The body of :mod:`poseppl_models.darby.cone_body` with the markers that its joints move: hands and feet do not turn on it, and
+"Position and orientation of the torso and the relative joint angles between limbs": 6 for the pelvis; the paper leaves the
+other 25 to its references. Taken here as in the software of Balan, Sigal and Black (2005) that its results are compared
+with: 2 between pelvis and thorax, 3 for the neck, 2 for each clavicle, 3 for shoulders and hips, 1 for elbows and knees.
+Hands and feet have no cones.
+
+>>> body = darby_body()
+>>> body.tree.dimension, len(body.flesh.names)
+(31, 10)
+
+:func:`full_body` is this body with the markers that its joints move: hands and feet do not turn on it, and
 have none. The pelvis is the middle of the hips and the neck that of the shoulders, as the virtual markers of papers on body
 tracking are (:mod:`poseppl.diagnostics.marker_errors`).
 
@@ -19,14 +28,27 @@ import numpy as np
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths
-from poseppl_models.bodies.body_fit import fitted_stature, measured_lengths
 from poseppl_models.bodies.choo_fleet import LIMBS, NOISE, WALK
-from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.bodies.joint_names import ALIASES, segments
-from poseppl_models.bodies.random_walk import walking_body
-from poseppl_models.bodies.seen import see_points
-from poseppl_models.bodies.sides import edges_along
-from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.bodies.cone_body import ConeBody, fitted_stature, measured_lengths, proportional_body
+from poseppl_models.bodies.joint_names import ALIASES, edges_along, segments
+from poseppl_models.bodies.random_walk import see_points, walking_body
+
+AXES = {
+    "pelvis": "ZYX",
+    "thorax": "ZX",
+    "neck": "ZYX",
+    "clavicle": "ZY",
+    "shoulder": "ZYX",
+    "elbow": "X",
+    "hip": "ZYX",
+    "knee": "X",
+}
+
+
+def darby_body(stature: float = STATURE, lengths: Mapping[str, float] | None = None) -> ConeBody:
+    """Build the body of a person so tall (mm); segments whose lengths (mm) were measured take these."""
+    return proportional_body(stature, lengths, AXES, ("upper_arm", "forearm", "thigh", "shank"))
+
 
 EDGES = edges_along(("pelvis", "neck", "crown"), LIMBS)
 _MIDDLES = {"pelvis": "hip", "neck": "shoulder"}
