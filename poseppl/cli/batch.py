@@ -71,16 +71,15 @@ def batch() -> None:
 @common_options
 def tables(folder: str, model: str, **options: Any) -> None:
     """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""
+    from poseppl.cli.checks import check_new_folder
     from poseppl.cli.console import start_jax
-    from poseppl.cli.files import check_new_folder
 
     check_model(model, options)
     paths, target = _tables(Path(folder)), Path(options["output"])
     check_new_folder(target, "--output")
 
     from poseppl.cli.batch_jobs import TableJob, digest_of, run_batch, run_table, write_overview
-    from poseppl.cli.model_runs import given_params
-    from poseppl.cli.user_model import source_digest
+    from poseppl.cli.model_runs import given_params, source_digest
     from poseppl.runs.algorithms import FILTERS
 
     FILTERS[options["filter_name"]].check(options["settings"])

@@ -68,8 +68,8 @@ def keypoints(folder: str, calibration: str | None, people: int, dry_run: bool, 
     A trial is a folder with keypoints of two cameras or more, files or folders named as these are in the calibration: cam1.json
     or cam01_json/ of cam_1. The command first prints the trials. A trial that cannot be used costs no other.
     """
+    from poseppl.cli.checks import check_new_folder
     from poseppl.cli.console import start_jax
-    from poseppl.cli.files import check_new_folder
 
     check_inputs()
     target = Path(output)

@@ -186,8 +186,8 @@ def check_model(model: str, options: dict[str, Any]) -> None:
 @common_options
 def run(model: str, data: str, **options: Any) -> None:
     """Run a filter of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], on a table of data."""
+    from poseppl.cli.checks import check_writable, output_path
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
-    from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.outputs import write_outputs
 
     check_model(model, options)

@@ -13,9 +13,9 @@ import numpy as np
 
 from poseppl.cli.batch_jobs import Notes, digest_of, failure
 from poseppl.cli.export import write_exports
+from poseppl.cli.model_runs import source_digest
+from poseppl.cli.options import as_option, as_options
 from poseppl.cli.outputs import write_outputs
-from poseppl.cli.remedies import as_option, as_options
-from poseppl.cli.user_model import source_digest
 from poseppl.diagnostics import verdicts
 from poseppl.errors import InputError, PosepplError
 from poseppl.files.atomic_writing import write_atomically, write_rows

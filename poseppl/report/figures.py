@@ -14,8 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 
-from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.extensions import extension_of
+from poseppl.diagnostics.diagnosis import diagnosed, extension_of
 from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.report.chart import Panel
 from poseppl.report.charts import BINS, histogram, inefficiency_panel, state_traces

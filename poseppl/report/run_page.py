@@ -11,9 +11,8 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics import verdicts
-from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.diagnosis import diagnosed, extension_of
 from poseppl.diagnostics.efficiency import RHAT_SHARE, disagreement
-from poseppl.diagnostics.extensions import extension_of
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.verdicts.predictive import rank_test

@@ -13,9 +13,8 @@ import pytest
 
 import poseppl
 from poseppl.cli import main
-from poseppl.cli.files import files_read
-from poseppl.cli.options import text_of
-from poseppl.cli.remedies import BY_SET, POSITIONAL, as_options
+from poseppl.cli.checks import files_read
+from poseppl.cli.options import BY_SET, POSITIONAL, as_options, text_of
 from poseppl.cli.track import OF_TRACK, by_set, track
 from poseppl.cli.track_dispatch import dispatched, source_of_file
 from poseppl.errors import InputError

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseppl.cli.live_table import LiveTable
+from poseppl.cli.track_live import LiveTable
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.csv_texts import shielded, unshielded

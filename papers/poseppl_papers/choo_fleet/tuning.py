@@ -17,7 +17,7 @@ from jax import Array
 
 from poseppl.compilation import jit
 from poseppl.diagnostics import inefficiency, split_rhat
-from poseppl.diagnostics.autocorrelation import autocorrelation
+from poseppl.diagnostics.inefficiency import autocorrelation
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
 from poseppl.kernels import HMCSettings
