@@ -20,7 +20,7 @@ LEFT = {
     "diagnostics/paired_comparison.py": {"joint"},
     "diagnostics/run_figures.py": {"joint", "joints", "silhouettes"},
     "diagnostics/verdicts/comparison.py": {"cameras"},
-    "report/compare_charts.py": {"joint"},
+    "report/compare.py": {"joint"},
     "report/compare_tables.py": {"joint"},
 }
 """Words that remain, by file: errors and coverage of markers, and cameras of compared runs."""

@@ -178,11 +178,10 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     check_inputs()
 
     from poseppl.motion.io.opencv import opencv
-    from poseppl.motion.recordings.subject_video import film_subject
     from poseppl.motion.recordings.subjects import subject_of
+    from poseppl.motion.recordings.truth import film_subject
     from poseppl.motion.rendering import SensorNoise, build_setting
-    from poseppl.motion.rendering.noise import check_noise
-    from poseppl.motion.rendering.packages import load_mujoco
+    from poseppl.motion.rendering.render import check_noise, load_mujoco
 
     noise = SensorNoise() if options["noise"] is None else SensorNoise(level=options["noise"])
     check_noise(noise)

@@ -27,7 +27,7 @@ from poseppl.motion.report.trials_page import trials_html
 from poseppl.motion.settings import TrackSettings
 from poseppl.motion.tracking.estimates import clock_of
 from poseppl.motion.tracking.gait import gait_of, measure_rows
-from poseppl.motion.verdicts.image_errors import image_errors
+from poseppl.motion.verdicts.residuals import image_errors
 from poseppl.runs.contents import variable
 
 LEVEL = 0.9

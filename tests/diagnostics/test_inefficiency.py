@@ -6,7 +6,7 @@ import xarray as xr
 from arviz_stats.base import array_stats
 from synthetic import autoregression
 
-from poseppl.diagnostics import inefficiency, inside_interval, mixing, split_rhat, windowed_inefficiency
+from poseppl.diagnostics import autocorrelation, inefficiency, inside_interval, mixing, split_rhat, windowed_inefficiency
 from poseppl.diagnostics.inefficiency import autocovariance
 
 SHAPES = [(1, 4), (1, 5), (4, 4), (3, 5), (4, 6), (4, 7), (2, 8), (2, 9), (10, 26), (4, 27), (3, 101), (1, 50)]
@@ -99,7 +99,7 @@ def test_undefined_is_nan_and_silent(case: str) -> None:
 
 
 def test_autocorrelation_of_autoregression() -> None:
-    rho = inefficiency(autoregression(np.random.default_rng(6), (4, 4000, 50), 0.7), max_lag=5)
+    rho = autocorrelation(autoregression(np.random.default_rng(6), (4, 4000, 50), 0.7), max_lag=5)
     assert rho.shape == (6, 50)
     error = rho.std(axis=1, ddof=1) / np.sqrt(50)
     assert (np.abs(rho.mean(axis=1) - 0.7 ** np.arange(6)) <= 5 * error + 0.002).all()

@@ -16,7 +16,7 @@ from poseppl_papers.reproduction import reproduce
 from poseppl_papers.tables import read_folder
 
 from poseppl.jobs import Processes
-from poseppl.motion.rendering.packages import load_mujoco
+from poseppl.motion.rendering.render import load_mujoco
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 SCENE = Scene(BUILT_IN, clutter=False, num_frames=5, width=320, height=240)

@@ -25,7 +25,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import (
     areas,

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from poseppl.compilation import jit
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
+from poseppl.motion.geometry.coverage import outline_corners
 from poseppl.motion.geometry.flesh import parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl_models.bodies.cone_body import ConeBody
 from poseppl_models.images.part_samples import index_at, inside_points
 from poseppl_models.images.silhouette_bits import pack_mask

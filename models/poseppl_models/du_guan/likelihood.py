@@ -33,7 +33,7 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
 from poseppl_models.bodies.anthropometry import STATURE
 from poseppl_models.bodies.cone_body import ConeBody, proportional_body
 from poseppl_models.du_guan.evidence import GRID, DuGuanEvidence, grid_descriptors

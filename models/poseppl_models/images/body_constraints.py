@@ -29,7 +29,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.motion.geometry import KinematicTree
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batch_last import batched_score
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of
 from poseppl_models.bodies.cone_body import ConeBody
 from poseppl_models.bodies.joint_angles import hard_limits

@@ -16,9 +16,9 @@ import numpyro
 from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batch_last import batched_score
+from poseppl.motion.geometry.coverage import outline_corners
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
 from poseppl_models.bodies.cone_body import ConeBody
 from poseppl_models.bodies.random_walk import walking_body

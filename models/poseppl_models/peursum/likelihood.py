@@ -32,7 +32,7 @@ from functools import reduce
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
 from poseppl.motion.geometry.coverage import part_distances, project_parts, soft_coverage
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import (

@@ -10,7 +10,7 @@ Nodes of a part, N of them, are on its occluding contour (two of each of some ri
 summed over the part's nodes and divided by N, and summed over parts. d_e is the offset of an edge along the contour's normal
 within a window. w_e is its importance: its energy, larger at motion boundaries, falling to 0 at the window's ends, and
 normalised with w_0 for "no edge at all" to a sum of 1. u is the node's position in the previous frame, for a given pose then,
-and v the flow there. W is the flow's precision by direction (:mod:`poseppl.motion.vision.flow_weights`), and r the node's
+and v the flow there. W is the flow's precision by direction (:mod:`poseppl.motion.vision.image_cues`), and r the node's
 position now. rho is a robust potential of strength nu: Leclerc's for edges, of which another one may be meant, the Lorentzian
 for flow, which attracts from a distance.
 

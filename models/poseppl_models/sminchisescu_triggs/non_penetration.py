@@ -53,7 +53,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.motion.geometry import KinematicTree
-from poseppl.motion.geometry.batched_score import batched_residuals
+from poseppl.motion.geometry.batch_last import batched_residuals
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl_models.bodies.joint_names import neighbours_in
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics, local_nodes, part_axes

@@ -28,8 +28,7 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batch_last import batch_last, batched_score
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel

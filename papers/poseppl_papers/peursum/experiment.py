@@ -58,7 +58,7 @@ generic filters have 10,000.
 - The furniture is not announced: what it hides counts against a pose, as in the paper. "Announced furniture" is the \
 same pictures. Pixels of furniture count neither for nor against a pose there, except where the person is seen before it; \
 the filters alone run there. Smoothers of generic motions run on circles alone.
-- The training of the FS-HHMM is derived (poseppl.motion.learned.factored_training), as are the updates of the \
+- The training of the FS-HHMM is derived (poseppl.motion.learned.factored_tables), as are the updates of the \
 variational smoother. Eq. 26 takes the phase that moves the rotation; Eq. 7h is a position that stays or follows the \
 heading; both by poseppl_models.peursum.factored_system. Position and heading move by velocities (mm/s) and by scales of \
 the video's frame rate; phases and rotations move by one row of the 50 Hz tables a frame, whatever the rate. The first \

@@ -1,4 +1,4 @@
-"""Degeneracy of weighted particles, and particles that are no sample of the posterior; impossible data, and draws that are no numbers."""
+"""Degeneracy of weighted particles, particles that are no sample of the posterior, impossible data, and draws that are NaN."""
 
 from __future__ import annotations
 

@@ -6,14 +6,13 @@ import jax
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.motion.geometry.cameras import Cameras
-from poseppl.motion.geometry.lenses import undistort
+from poseppl.motion.geometry.cameras import Cameras, undistort
 
 
 def viewing_rays(cameras: Cameras, camera: int, points: Floats) -> Floats:
     """Unit directions (..., 3) in the world of the rays of one camera's image points (..., 2).
 
-    NaN where a point is, and where its lens puts nothing (:func:`~poseppl.motion.geometry.lenses.undistort`).
+    NaN where a point is, and where its lens puts nothing (:func:`~poseppl.motion.geometry.cameras.undistort`).
     """
     lens = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64)[camera], cameras)
     plane = (points - lens.principal) / lens.focal

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.compilation import jit
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs
 from poseppl.motion.points.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.silhouettes.overlap import overlap, silhouette_record
-from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
+from poseppl.motion.silhouettes.overlap import SeenSilhouettes, overlap, silhouette_record
 from poseppl.motion.silhouettes.start import seek_silhouette
 from poseppl.motion.tracking.scene import Scene
 from poseppl.program import CompiledModel, Observation

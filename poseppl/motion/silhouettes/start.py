@@ -21,7 +21,7 @@ from poseppl.errors import Argument, InputError, brief
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
+from poseppl.motion.silhouettes.overlap import SeenSilhouettes
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.start import PoseSearch, place_of_points
 

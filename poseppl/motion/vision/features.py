@@ -20,9 +20,8 @@ from poseppl.motion.io.opencv import Image, check_image, opencv, to_rgb
 from poseppl.motion.vision.background import Background, BackgroundSettings
 from poseppl.motion.vision.colour import ColourSettings, Histogram, colour_bins, colour_histogram
 from poseppl.motion.vision.contours import fourier_descriptors, outer_contour
-from poseppl.motion.vision.edges import EdgeSettings, Map, edge_proximity, find_edges
+from poseppl.motion.vision.edges import EdgeSettings, Map, edge_distance, edge_proximity, find_edges, silhouette_distance
 from poseppl.motion.vision.flow import Flow, FlowSettings, foreground_flow
-from poseppl.motion.vision.maps import edge_distance, silhouette_distance
 from poseppl.motion.vision.masks import Mask, check_mask
 
 BadMask = Literal["raise", "ignore"]
