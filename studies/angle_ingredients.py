@@ -42,8 +42,7 @@ from poseppl.motion.tracking.recorded_model import offsets_of_lengths
 from poseppl.motion.tracking.scene import Scene
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.smoothers.base import History
-from poseppl.smoothers.cut_laplace import cut_laplace_smoother
-from poseppl.smoothers.laplace import laplace_smoother
+from poseppl.smoothers.laplace import cut_laplace_smoother, laplace_smoother
 from studies.kept_runs import keep_run, read_runs
 from studies.laboratory_rig import RIG, rig_records
 from studies.simulated_keypoints import LEVELS, OPENSIM, WALKS, ideal_deviations, recorded

@@ -41,7 +41,7 @@ from benchmarks.timing import show
 from poseppl.jobs.versions import versions
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
-from poseppl.kernels.mode_proposals import covariance_scaled, dynamic_noise
+from poseppl.kernels.mode_search import covariance_scaled, dynamic_noise
 from poseppl.kernels.trust_region import climb_modes
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions

@@ -17,8 +17,8 @@ import xarray as xr
 
 from poseppl.errors import InputError
 from poseppl.files.atomic_writing import write_atomically, write_rows
-from poseppl.files.csv_texts import unshielded
-from poseppl.files.netcdf_writing import write_netcdf as write_tree
+from poseppl.files.csv_fields import unshielded
+from poseppl.files.netcdf import write_netcdf as write_tree
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)

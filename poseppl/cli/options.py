@@ -16,7 +16,7 @@ import click
 
 from poseppl.cli.checks import BUILDER, InputFile, file_of_pair, number
 from poseppl.errors import Argument, cut, worded
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 from poseppl.motion.settings import Kind, ReadFrom, Reads, Settings, Within, kinds_of
 from poseppl.runs.settings import texts_of
 

@@ -13,7 +13,7 @@ from poseppl.cli.checks import RATE, Checked, InputFile, check_code, check_input
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, check_algorithm, settings_option
 from poseppl.errors import InputError, brief
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 
 EXAMPLES = """
 \b

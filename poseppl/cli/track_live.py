@@ -15,7 +15,7 @@ from poseppl.cli.checks import check_writable
 from poseppl.cli.options import as_options
 from poseppl.cli.track_run import Wanted, planned, report, write_results
 from poseppl.errors import Argument, InputError, PosepplError
-from poseppl.files.csv_texts import shielded
+from poseppl.files.csv_fields import shielded
 from poseppl.motion.keypoints.settings import LiveSettings
 from poseppl.motion.settings import TrackSettings
 

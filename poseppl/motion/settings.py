@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from poseppl.declarations import declared
 from poseppl.errors import Argument, FilePath, InputError, brief
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 from poseppl.files.frame_range import FrameRange
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from poseppl.errors import InputError, Location
 from poseppl.files.bounded_reading import read_json, read_toml, read_xml
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.files.hdf5_reading import array, open_hdf5
 from poseppl.files.store import Store
 from poseppl.motion.io.caliscope import read_caliscope_points

@@ -6,8 +6,6 @@ returns a :class:`Body`.
 
 To import is to run code. So :func:`body_builder` is for names that the user gives, and
 :func:`poseppl.motion.tracking.recorded_model.installed_builder` for names that are found in files.
-
-The inputs of programs of named points in cameras (``poseppl_models.bodies.named_points``), which the tracker makes.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 batch axis to the front. Every memory access of a 3x3 product becomes strided, and nothing vectorises. Here the batched form is
 written by hand with the particles in the last axis, and a custom rule of ``jax.vmap`` uses it.
 
-:func:`poseppl.motion.geometry.batch_last.batch_last` gives no reverse gradient. Here the gradient is a batch-last function too:
+:func:`batch_last` gives no reverse gradient. In :func:`batched_score` the gradient is a batch-last function too:
 the scores of different particles do not depend on each other, so that one backward pass through their sum gives all
 gradients.
 """

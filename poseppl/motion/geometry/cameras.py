@@ -3,16 +3,15 @@
 A world point p (mm) has camera coordinates ``R (p - centre)``, with the optical axis along the camera's z. The image point is
 ``focal * distort(x / z, y / z) + principal``, in the camera's units. These are pixels for a calibrated camera, and pure numbers
 for the camera of Choo and Fleet 2001 (Eq. 18). That camera has its optical axis along the world's Y axis, image x along X and
-image y along Z. Distortion is one of :mod:`poseppl.motion.geometry.cameras`, as in OpenCV.
+image y along Z. Distortion is as in OpenCV.
 
 A point u, v of the plane at depth 1, with s = u^2 + v^2, is moved as OpenCV has it, by the number of a camera's coefficients:
 
 * 5, of Brown and Conrady: (k1, k2, p1, p2, k3), radial by 1 + k1 s + k2 s^2 + k3 s^3, and tangential by p1 and p2;
 * 8, the rational model: (k1, k2, p1, p2, k3, k4, k5, k6), where that is divided by 1 + k4 s + k5 s^2 + k6 s^3;
 * 9, where some cameras are fisheyes: the ninth is 1 for these, whose first four (k1 to k4) are those of Kannala and Brandt
-(2006,
-  doi:10.1109/TPAMI.2006.153): at an angle t from the axis, a point is at t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8); and 0
-  for the others, with the eight of above.
+  (2006, doi:10.1109/TPAMI.2006.153): at an angle t from the axis, a point is at t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8);
+  and 0 for the others, with the eight of above.
 
 The forms are written with operators alone where they can be, so that JAX and NumPy share them.
 """

@@ -1,7 +1,7 @@
 """Images of a body of cones: the outline of each part, and how much of given image points it covers, hard and smooth.
 
 The image of an elliptical truncated cone is the convex hull of the images of its two rings. This is the union of two ellipses
-and of the quadrilateral between the two straight edges that touch both (:func:`poseppl.motion.geometry.coverage.limb_corners`).
+and of the quadrilateral between the two straight edges that touch both (:func:`limb_corners`).
 The image of a ring with centre c and half-axes a and b, all in the camera's frame, has the dual conic (a ball has a third
 half-axis)
 

@@ -12,7 +12,7 @@ of the two solutions, the one on the hinge's former side. The ball's rotation fo
 limb has three poses beside its own; one of a single bone, such as a head, has one, by the shortest turn. A line of
 sight that misses a sphere leaves the bone pointing to the point of the sphere that is nearest to it.
 
-The joints of both poses of a limb look the same. A pose without joint limits may be either, or change from one to the other
+A pose without joint limits may be either, or change from one to the other
 where the limb is straight. People have the pose whose limb bends to the same side as at rest.
 """
 

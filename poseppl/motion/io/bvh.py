@@ -24,7 +24,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.files.csv_reading import Line
+from poseppl.files.csv_fields import Line
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
 from poseppl.motion.io.text_parsing import lines_of_words, number_rows, parse_number, parse_numbers
 from poseppl.motion.io.units_and_axes import vertical_axis

@@ -17,7 +17,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.motion.io.camera_fields import MAX_CAMERAS
 from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople, check_room, detected_people
 from poseppl.motion.io.text_parsing import parse_frame, parse_number

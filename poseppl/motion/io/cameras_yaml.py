@@ -15,7 +15,7 @@ from typing import Any
 
 from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.bounded_reading import read_text
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS,
     CameraRecord,

@@ -22,7 +22,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
-from poseppl.files.csv_reading import Line, rows_of_csv
+from poseppl.files.csv_fields import Line, rows_of_csv
 from poseppl.files.hdf5_reading import array, attribute, child, open_hdf5, texts
 from poseppl.files.plain_pickle import plain_of_pickle
 from poseppl.motion.io.detections import MAX_FRAMES, DetectedPeople, check_names, check_room, detected_people

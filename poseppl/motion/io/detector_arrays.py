@@ -10,8 +10,8 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, cut
-from poseppl.files.array_reading import read_array
 from poseppl.files.hdf5_reading import array, attribute, open_hdf5, texts
+from poseppl.files.numpy_arrays import read_array
 from poseppl.motion.io.detections import (
     MAX_FRAMES,
     MAX_PEOPLE,

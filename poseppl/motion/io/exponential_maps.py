@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.bounded_reading import read_json
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
 from poseppl.motion.io.text_parsing import LARGEST, number_rows
 

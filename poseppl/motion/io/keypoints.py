@@ -9,7 +9,7 @@ from typing import Any
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
 from poseppl.files.bounded_reading import read_bytes
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
 from poseppl.motion.io import json_detectors
 from poseppl.motion.io.caliscope import read_caliscope_points

@@ -21,7 +21,7 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location, brief, cut
 from poseppl.files.atomic_writing import write_rows
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.motion.io.text_parsing import parse_frame, parse_number, some
 
 REQUIRED = ("frame", "marker", "x", "y")

@@ -31,8 +31,7 @@ from jax import Array
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
-from poseppl.files.netcdf_reading import read_netcdf
-from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.files.netcdf import read_netcdf, write_netcdf
 from poseppl.motion.learned.angles import wrapped
 
 NUM_BINS = 120

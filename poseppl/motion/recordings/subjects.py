@@ -1,8 +1,8 @@
 """Whom to track where the truth is known: the built-in walk, straight or along a circle, or a recorded person.
 
-Each frame is moved as a whole: it is turned about the vertical and shifted, so that poses relative to the pelvis do not change.
-Let d be the direction of the walk, n the direction at a right angle to its left, and p(t) the pelvis on the floor. Its progress
-along d, a(t), is smoothed over a second, so that the turn does not shake with the steps:
+For a circle each frame is moved as a whole: it is turned about the vertical and shifted, so that poses relative to the pelvis
+do not change. Let d be the direction of the walk, n the direction at a right angle to its left, and p(t) the pelvis on the
+floor. Its progress along d, a(t), is smoothed over a second, so that the turn does not shake with the steps:
 
     q(t)  = mean of p + a(t) d                           the straight line,
     s(t)  = a(t) - a(0),    theta(t) = s(t) / R          arc length, and heading,

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from poseppl.errors import FilePath, InputError
-from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.files.netcdf import write_netcdf
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.rendering import Setting, Truth, write_scene
 from poseppl.motion.tracking.scene import Scene, SceneData

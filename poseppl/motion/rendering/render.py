@@ -1,7 +1,7 @@
 """Draw a setting with MuJoCo's offscreen renderer: pictures, as a noisy sensor has them, and masks of the person.
 
-Every picture is what an ideal pinhole camera sees; :mod:`poseppl.motion.rendering.render` makes a sensor's of it. Masks come
-from the segmentation renderer, which has no soft edges: a pixel belongs to what its centre shows.
+Every picture is what an ideal pinhole camera sees; :class:`SensorNoise` makes a sensor's of it. Masks come
+from the segmentation renderer, which has no soft edges: a pixel belongs to what its centre shows. The sensor has
 
     light = gain_c * flicker_t * picture,    seen = light + level * sqrt(1/2 + light) * e,    e ~ N(0, 1)
 

@@ -6,8 +6,8 @@ cameras below the ceiling, one in each corner. A path that comes nearer than 1.2
 Lengths are millimetres and the world is the motion's, Z up; MuJoCo's are metres, and the XML is written in these. Pixel (0, 0)
 has its centre at the image point (0, 0), as in OpenCV, so that the principal point is ((width - 1) / 2, (height - 1) / 2).
 
-Places are drawn at random beside the path; those are taken that keep clear of it and of each other and are nearest to where
-they are wished. Lengths are millimetres; MuJoCo's are metres, and the XML is written in these.
+The places of furniture are drawn at random beside the path; those are taken that keep clear of it and of each other and are
+nearest to where they are wished.
 """
 
 from __future__ import annotations

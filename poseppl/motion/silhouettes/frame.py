@@ -1,4 +1,4 @@
-"""One camera's frame of a silhouette: its contour, maps of the distances to it, and pictures of another size than the camera's."""
+"""One camera's frame of a silhouette: contour, maps of the distances to it, and pictures of another size than the camera's."""
 
 from __future__ import annotations
 

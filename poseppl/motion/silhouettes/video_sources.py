@@ -14,7 +14,7 @@ from poseppl_models.bodies.silhouettes import full_body
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, brief
 from poseppl.files.frame_range import FrameRange
-from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.files.netcdf import read_netcdf
 from poseppl.motion.bodies.body import body_builder, name_of_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_calibration, read_cameras, read_image
 from poseppl.motion.io.text_parsing import finite_numbers, some

@@ -1,15 +1,18 @@
-"""NetCDF files from anywhere: what they declare is bounded before any of it is read.
+"""NetCDF files: read with what they declare bounded before any of it is read, and written by way of memory.
 
 An HDF5 file of a few kilobytes may declare arrays of many gigabytes, groups without end or within each other, and data that
 lies in other files. So its groups are walked first, reading names, shapes and texts alone. Refused are links, virtual and
 external data, objects of two names (among them all cycles), and more groups, variables or bytes than stated here.
+
+HDF5 cannot be trusted with a disk that fills up: the process ends with a segmentation fault, and takes what was not yet written
+with it. So it writes into memory, and the bytes go to the disk as those of any other file.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 import h5py
@@ -17,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.errors import FilePath, InputError, Location, brief
+from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import check_file
 from poseppl.files.hdf5_reading import DEFLATE, child, declared_bytes, open_hdf5
 
@@ -127,3 +131,22 @@ def _attribute_bytes(at: Location, item: Any) -> int:
         if total > item.file.id.get_filesize():  # many texts may be one and the same in the file
             raise at.error("attributes of more bytes than the file", "no more")
     return total
+
+
+def write_netcdf(
+    tree: xr.DataTree, path: FilePath, encoding: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None
+) -> None:
+    """Write a tree as NetCDF, whole or not at all.
+
+    Args:
+        tree: The tree; it is untouched, whatever happens to the disk.
+        path: The file, overwritten if it exists.
+        encoding: Encoding of variables by group, for xarray.
+
+    Raises:
+        InputError: The folder is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    data: Any = tree.to_netcdf(engine="h5netcdf", encoding=encoding)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
