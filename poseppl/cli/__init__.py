@@ -16,8 +16,7 @@ from pathlib import Path
 import click
 
 from poseppl import small_loops
-from poseppl.cli.batch import batch as batch_command
-from poseppl.cli.batch_keypoints import keypoints as trials_command
+from poseppl.cli.batch import batch as batch_command, keypoints as trials_command
 from poseppl.cli.calibrate_detector import calibrate_detector as calibrate_detector_command
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.demo import demo as demo_command

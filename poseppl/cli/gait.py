@@ -114,7 +114,7 @@ def gait(result: str, output: str | None, level: float, model: str | None, quiet
     check_writable([page, figures, events, cycles], [result])
 
     from poseppl.files.atomic_writing import write_atomically, write_rows
-    from poseppl.motion.report.gait_page import ShownMeasure, gait_html
+    from poseppl.motion.report.pages import ShownMeasure, gait_html
     from poseppl.motion.tracking.gait import cycle_rows, event_rows, gait_of, measure_rows
     from poseppl.runs.results import load_result
 
@@ -150,7 +150,7 @@ def _shown_cycles(found: Any, level: float) -> list[Any]:
     """The angles as the page shows them."""
     import numpy as np
 
-    from poseppl.motion.report.gait_page import ShownCycle
+    from poseppl.motion.report.pages import ShownCycle
     from poseppl.motion.tracking.gait import WORDS, quantiles
 
     off = {m.side: float(np.nanmean(m.draws)) for m in found.measures if m.name == "stance"}

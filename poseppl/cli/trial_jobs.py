@@ -23,7 +23,7 @@ from poseppl.jobs import Job
 from poseppl.motion import KeypointSettings, track
 from poseppl.motion.keypoints.scene import people_of_keypoints
 from poseppl.motion.keypoints.trials import Trial
-from poseppl.motion.report.trials_page import trials_html
+from poseppl.motion.report.pages import trials_html
 from poseppl.motion.settings import TrackSettings
 from poseppl.motion.tracking.estimates import clock_of
 from poseppl.motion.tracking.gait import gait_of, measure_rows

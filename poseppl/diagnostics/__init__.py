@@ -28,7 +28,13 @@ from poseppl.diagnostics.inefficiency import (
     windowed_inefficiency as windowed_inefficiency,
 )
 from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
-from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
+from poseppl.diagnostics.predictive import (
+    PredictiveFigures as PredictiveFigures,
+    UpdateFigures as UpdateFigures,
+    predictive_figures as predictive_figures,
+    update_coverage as update_coverage,
+    update_figures as update_figures,
+)
 from poseppl.diagnostics.simulation_based import (
     Calibration as Calibration,
     calibrate as calibrate,
@@ -43,11 +49,6 @@ from poseppl.diagnostics.survival import (
     unique_ancestors as unique_ancestors,
 )
 from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures, weakly_observed_stats as weakly_observed_stats
-from poseppl.diagnostics.updates import (
-    UpdateFigures as UpdateFigures,
-    update_coverage as update_coverage,
-    update_figures as update_figures,
-)
 from poseppl.diagnostics.verdicts import (
     Remedy as Remedy,
     Verdict as Verdict,

@@ -1,4 +1,4 @@
-"""What repeated runs say: variance of the posterior mean against time, and the log-evidence with its Monte Carlo error.
+"""Figures of repeated runs: variance of the posterior mean against time, and the log-evidence with its Monte Carlo error.
 
 Runs of one setting and of different seeds are replicates: the sample variance of their means, over the posterior variance, is
 averaged over frames and degrees of freedom, with its jackknife error over seeds; of two seeds that error is sqrt(2) times the

@@ -16,7 +16,6 @@ A second call computes what is missing and reads the rest.
 from __future__ import annotations
 
 from poseppl.jobs.cluster import Cluster as Cluster
-from poseppl.jobs.executor import Executor as Executor, Inline as Inline, Outcome as Outcome
-from poseppl.jobs.job import Job as Job
+from poseppl.jobs.job import Executor as Executor, Inline as Inline, Job as Job, Outcome as Outcome
 from poseppl.jobs.processes import Processes as Processes
 from poseppl.jobs.run import JobError as JobError, JobProgress as JobProgress, run_jobs as run_jobs

@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.files.store import Note
-from poseppl.jobs.executor import Function, Outcome, perform
-from poseppl.jobs.job import Job
+from poseppl.jobs.job import Function, Job, Outcome, perform
 from poseppl.jobs.versions import versions
 
 
@@ -34,7 +33,7 @@ class Cluster(NamedTuple):
     timeout: float = 10.0
 
     def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
-        """See :class:`~poseppl.jobs.executor.Executor`.
+        """See :class:`~poseppl.jobs.job.Executor`.
 
         Raises:
             InputError: Dask is not installed, no scheduler answers, or it has no workers.

@@ -22,8 +22,7 @@ from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.files.store import Note
 from poseppl.jobs.cluster import Tasks, distributed
-from poseppl.jobs.executor import Function, Outcome
-from poseppl.jobs.job import Job
+from poseppl.jobs.job import Function, Job, Outcome
 
 Prepare = Callable[[], None]
 _SETTINGS: Mapping[str, Any] = {
@@ -51,7 +50,7 @@ class Processes(NamedTuple):
     prepare: Prepare | None = None
 
     def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
-        """See :class:`~poseppl.jobs.executor.Executor`.
+        """See :class:`~poseppl.jobs.job.Executor`.
 
         Raises:
             InputError: Dask, or what it makes certificates with, is not installed.

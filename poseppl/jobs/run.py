@@ -15,8 +15,7 @@ from typing import Any, Protocol
 from poseppl.errors import FilePath, InputError, PosepplError, brief
 from poseppl.files.store import Arrays, Store
 from poseppl.jobs.cluster import Cluster
-from poseppl.jobs.executor import Executor, Function, Inline, Outcome
-from poseppl.jobs.job import Job
+from poseppl.jobs.job import Executor, Function, Inline, Job, Outcome
 from poseppl.jobs.processes import Processes
 from poseppl.jobs.versions import versions
 

@@ -1,8 +1,8 @@
 """The backward pass through a filter's history, in indices of particles, and trajectories drawn from it as starts.
 
 A step draws, for the particles chosen at frame t + 1, particles of frame t. Backward simulation (Godsill, Doucet and West
-2004, doi:10.1198/016214504000000151) draws a particle of the last frame by its weight, then at each frame before it particle i
-with probability proportional to w_t^i p(x_(t+1) | x_t^i), which joins what belongs together, whatever filter left the
+2004, doi:10.1198/016214504000000151) draws a particle of the last frame by its weight. At each frame before it, particle i is
+drawn with probability proportional to w_t^i p(x_(t+1) | x_t^i). This joins what belongs together, whatever filter left the
 particles, and keeps the modes that the filter had. From a frame with many particles, a few hundred are drawn first, by their
 weights: a start need not be exact.
 """

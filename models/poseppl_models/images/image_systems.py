@@ -32,14 +32,12 @@ from poseppl.motion.vision import FrameFeatures
 from poseppl.program import StateSpaceModel
 from poseppl_models.bodies.anthropometry import STATURE
 from poseppl_models.bodies.cone_body import ConeBody, fitted_states, fitted_stature, measured_lengths, with_crown
-from poseppl_models.darby.body import darby_body
-from poseppl_models.darby.likelihood import darby_monocular_score, darby_score
+from poseppl_models.darby.body import darby_body, darby_monocular_score, darby_score
 from poseppl_models.du_guan.likelihood import du_guan_body, du_guan_score
 from poseppl_models.images.body_constraints import parts_apart, within_limits
 from poseppl_models.images.feature_evidence import colours_at, du_guan_of_features, two_way_of_features
 from poseppl_models.images.image_program import CameraScore, ImageInputs, image_program
-from poseppl_models.peursum.body import peursum_body
-from poseppl_models.peursum.likelihood import peursum_score
+from poseppl_models.peursum.body import peursum_body, peursum_score
 
 STRIDE = 4
 """Pixels between points of the likelihoods' grids."""

@@ -56,7 +56,7 @@ from poseppl_models.images.image_systems import (
     published_scale,
     two_way_inputs,
 )
-from poseppl_models.peursum.likelihood import peursum_score
+from poseppl_models.peursum.body import peursum_score
 
 FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 """Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""

@@ -54,7 +54,7 @@ class SizeInputs(NamedTuple):
     Attributes:
         cameras: C cameras, px.
         marked: Standard deviation of the joints marked in it (C, markers), px.
-        seen: Further observations, from :func:`poseppl_models.sminchisescu_triggs.image.seen_in_images`.
+        seen: Further observations, from :func:`poseppl_models.sminchisescu_triggs.programs.seen_in_images`.
         noise: Noise of the contours.
         start: Mean of the pose (d,): mm and radians.
         start_scale: Its standard deviations (d,).

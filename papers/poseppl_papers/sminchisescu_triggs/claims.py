@@ -9,8 +9,7 @@ import numpy as np
 
 from poseppl_papers.experiment import UNPUBLISHED, Claim, Tables, on_one_recording
 from poseppl_papers.measured import MATTERS, Interval, mean_interval
-from poseppl_papers.sminchisescu_triggs.modes import modes_claim
-from poseppl_papers.sminchisescu_triggs.spectra import log_volume_ratio, spectra_of
+from poseppl_papers.sminchisescu_triggs.spectra import log_volume_ratio, modes_claim, spectra_of
 from poseppl_papers.sminchisescu_triggs.survival import kept_seconds, percent_lost
 from poseppl_papers.sminchisescu_triggs.trackers import JUMPS, OURS, OURS_LIMITED, PUBLISHED
 from poseppl_papers.tables import Table, grouped

@@ -241,8 +241,8 @@ def _compiled_steps(built: Filter) -> tuple[Any, Any]:
 
 def compiled_model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
     """Inputs of every frame, and the compiled model."""
-    programs = load_builder("poseppl_models.sminchisescu_triggs.points:point_programs")
-    make_inputs = load_builder("poseppl_models.sminchisescu_triggs.points:point_inputs")
+    programs = load_builder("poseppl_models.sminchisescu_triggs.programs:point_programs")
+    make_inputs = load_builder("poseppl_models.sminchisescu_triggs.programs:point_inputs")
     body = scene.motion.body
     start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
     step = step * tracker.noise**0.5 if tracker.particles else step

@@ -9,9 +9,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.diagnostics.batches import Interval
-from poseppl.diagnostics.predictive import implied_coverage
+from poseppl.diagnostics.predictive import implied_coverage, update_coverage, update_figures
 from poseppl.diagnostics.smoothing import RESIDUAL_HIGH, STEPS_HIGH, approximation_figures, exceeds, smoothing_figures
-from poseppl.diagnostics.updates import update_coverage, update_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, UNCHECKED, predicted_state_of
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Remedy, Verdict, not_run, statistic

@@ -12,15 +12,14 @@ from poseppl.files.bounded_reading import read_bytes
 from poseppl.files.csv_fields import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
 from poseppl.motion.io import json_detectors
-from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv, read_deeplabcut_h5
 from poseppl.motion.io.detections import DetectedPeople
 from poseppl.motion.io.detector_arrays import read_freemocap, read_sleap
+from poseppl.motion.io.detector_tables import read_caliscope_points, read_ultralytics
 from poseppl.motion.io.json_detectors import is_vitpose, read_alphapose, read_mmpose, read_openpose, read_vitpose
 from poseppl.motion.io.json_people import numbered_files, read_json
 from poseppl.motion.io.keypoint_layouts import check_layout
 from poseppl.motion.io.mediapipe import read_mediapipe
-from poseppl.motion.io.ultralytics import read_ultralytics
 
 DETECTORS: Mapping[str, str] = {
     "openpose": "a folder of OpenPose's JSON files, one a frame",

@@ -10,8 +10,7 @@ from poseppl.motion.io.amc import CMU_RATE, read_amc
 from poseppl.motion.io.asf import read_asf
 from poseppl.motion.io.bvh import read_bvh
 from poseppl.motion.io.c3d import read_c3d
-from poseppl.motion.io.deepmimic import read_deepmimic
-from poseppl.motion.io.exponential_maps import read_exponential_maps
+from poseppl.motion.io.json_skeletons import read_deepmimic, read_exponential_maps
 from poseppl.motion.io.motion import Motion
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.io.units_and_axes import check_axis

@@ -12,8 +12,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import Argument, InputError
 from poseppl.motion.io.cameras import CameraRecord
 from poseppl.motion.io.opencv import encode_image
-from poseppl.motion.rendering.figure import Figure, dress_figure, figure_xml
-from poseppl.motion.rendering.points import NO_TOES, figure_points, floor_height
+from poseppl.motion.rendering.figure import NO_TOES, Figure, dress_figure, figure_points, figure_xml, floor_height
 from poseppl.motion.rendering.room import (
     Piece,
     Room,
@@ -74,7 +73,7 @@ def build_setting(
     """Build a room around a motion.
 
     Args:
-        names: K names of joints, :data:`poseppl.motion.rendering.points.JOINTS` among them.
+        names: K names of joints, :data:`poseppl.motion.rendering.figure.JOINTS` among them.
         places: (T, K, 3) mm, Z up.
         toes: ``toe_l`` and ``toe_r`` (T, 3) mm, where they are known.
         clutter: Whether a table and chairs stand in the way.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure, FigureBase
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.selection import evenly, frame_index
-from poseppl.motion.poses import segments
+from poseppl.motion.measures import segments
 from poseppl.motion.report.pose_views import pose_data
 from poseppl.motion.report.sections import error_traces
 from poseppl.report.chart import Panel

@@ -9,7 +9,7 @@ import xarray as xr
 from plotly import graph_objects as go
 
 from poseppl.diagnostics.selection import provenance_table
-from poseppl.motion.poses import expected_error
+from poseppl.motion.measures import expected_error
 from poseppl.motion.verdicts.doubts import Doubts, doubts_in_a_row
 from poseppl.motion.verdicts.residuals import ImageErrors
 from poseppl.report.chart import Panel, Traces, chart, fan, line, stack

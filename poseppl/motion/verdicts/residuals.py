@@ -29,7 +29,7 @@ from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.selection import Array
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Remedy, Verdict, not_run
-from poseppl.motion.poses import mean_points
+from poseppl.motion.measures import mean_points
 from poseppl.motion.verdicts.steps import ANGLE, POSITION, in_one_camera, of_walk
 from poseppl.runs.contents import draws_of, names_of, variable
 from poseppl.runs.results import provenance

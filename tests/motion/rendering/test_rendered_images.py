@@ -10,7 +10,7 @@ import pytest
 
 from poseppl.motion.geometry import project
 from poseppl.motion.rendering import Setting, Stage
-from poseppl.motion.rendering.points import JOINTS
+from poseppl.motion.rendering.figure import JOINTS
 from poseppl.motion.rendering.room import CLEARANCE
 from poseppl.motion.tracking.placing import cameras_of_records
 

@@ -1,4 +1,4 @@
-"""Bodies of Sminchisescu and Triggs (2001) seen in images: programs with the image cost and all of the priors of section 3.2.
+"""Programs of the bodies of Sminchisescu and Triggs (2001), seen in images or as points, with the priors of section 3.2.
 
 The state and its walk within joint limits and about equilibria are those of
 :mod:`poseppl_models.sminchisescu_triggs.marker_body`. A frame's data are residuals whose value is 0, ``image`` of the cost
@@ -8,13 +8,20 @@ The state and its walk within joint limits and about equilibria are those of
 Flow compares with the frame before, and so with a pose then, that comes by the inputs (``seen.previous``): a tracker gives its
 estimate. The programs' own transition knows nothing of it, and so flow keeps a limb that is lost where it is: what the image
 says of motion there is that there is none. Edges of coarser levels (``levels``) pull from as far as their smoothing goes.
+
+The ingredients that the paper finds essential are optional here: robust errors, joint limits, and parts that do not penetrate
+each other. Robust errors are an input, so that one compiled program serves with and without them. The points replace the
+paper's images: a wrongly detected joint is an outlier, like an edge of the background.
+
+>>> point_programs("arm") is point_programs("arm") is not point_programs("arm", limits="none")
+True
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +32,8 @@ from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.motion.bodies.body import BodyInputs
-from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.motion.vision import (
     EnergySettings,
     dense_flow,
@@ -34,12 +42,13 @@ from poseppl.motion.vision import (
     flow_weights,
     motion_boundaries,
 )
-from poseppl.program import StateSpaceModel
+from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl_models.sminchisescu_triggs.body import Kind, superquadric_body
 from poseppl_models.sminchisescu_triggs.cost import CostNoise, CostSettings, ImageSeen
 from poseppl_models.sminchisescu_triggs.likelihood import ContourAndFlow
-from poseppl_models.sminchisescu_triggs.marker_body import limited_body
+from poseppl_models.sminchisescu_triggs.marker_body import Limits, limited_body
 from poseppl_models.sminchisescu_triggs.non_penetration import non_penetration_residuals
+from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics
 
 Images = Sequence[NDArray[Any]]
 Levels = Sequence[float]
@@ -107,3 +116,65 @@ def cost_noise(*, edges: float = 2.0, flow: float = 1.5, weight: float = 8.0, le
     """
     spread = edges * jnp.asarray(levels, float) / levels[0]
     return CostNoise(spread, *(jnp.full(len(levels), value) for value in (flow, weight)))
+
+
+STRENGTH = 4.0
+"""nu of the Lorentzian; it has to exceed 2, the size of an image point."""
+GAUSSIAN = 1e5
+"""nu at which it is a Gaussian: at 27 standard deviations, 711 of squared error, rho is 708."""
+
+
+class RobustPointInputs(NamedTuple):
+    """Inputs of one frame.
+
+    Attributes:
+        cameras: C cameras.
+        noise: Standard deviation of the image noise (C, markers), in image units.
+        start: Mean of the first state (d,).
+        start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+        tree: The person's own tree.
+        flesh: The person's own flesh.
+        strength: nu of the points' Lorentzian errors, a scalar.
+    """
+
+    cameras: Cameras
+    noise: Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
+    tree: KinematicTree
+    flesh: Superquadrics
+    strength: Array
+
+
+@lru_cache(maxsize=16)
+def point_programs(kind: Kind = "full", *, limits: Limits = "support", parts: bool = True) -> StateSpaceModel:
+    """Write the programs; data are ``points`` (C, markers, 2), and ``parts``, which are 0, where parts are kept apart.
+
+    Args:
+        kind: Which body.
+        limits: "support" limits the sites; "barrier" adds a smooth log-factor; "none" leaves joints free.
+        parts: Whether parts are kept out of each other, which on a whole body takes most of the time.
+    """
+    body = superquadric_body(kind)
+    repelled = non_penetration_residuals(body.flesh.names)
+
+    def observe(params: Any, pose: Array, inputs: RobustPointInputs) -> None:
+        points = ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise)
+        numpyro.sample("points", Lorentzian(points.to_event(1), inputs.strength))
+        if parts:
+            residuals = repelled(pose, inputs.tree, inputs.flesh)
+            numpyro.sample("parts", dist.Normal(residuals, jnp.ones_like(residuals)))
+
+    return limited_body(body, limits, observe)
+
+
+def point_inputs(*known: Any, robust: bool = True) -> RobustPointInputs:
+    """Inputs of a frame, the fields of :class:`RobustPointInputs` up to the flesh being given.
+
+    Args:
+        known: Cameras, noise, start, start_scale, step_scale, tree and flesh.
+        robust: Whether errors are Lorentzian; otherwise Gaussian.
+    """
+    return RobustPointInputs._make((*known, jnp.asarray(STRENGTH if robust else GAUSSIAN, float)))
