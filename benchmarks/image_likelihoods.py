@@ -17,9 +17,9 @@ from poseppl_models.bodies.cone_body import ConeBody
 from poseppl_models.darby.body import darby_body, darby_monocular_score, darby_score
 from poseppl_models.du_guan.evidence import du_guan_evidence, pad_bins, part_colours
 from poseppl_models.du_guan.likelihood import du_guan_body, du_guan_score
+from poseppl_models.images.evidence import two_way_evidence
 from poseppl_models.images.image_program import ImageInputs, camera_likelihood
 from poseppl_models.images.silhouette_bits import body_bits, unpack_bits
-from poseppl_models.images.two_way_evidence import two_way_evidence
 from poseppl_models.peursum.body import peursum_body, peursum_score, smooth_peursum_score
 
 from benchmarks.timing import arguments, interleave, show

@@ -19,7 +19,7 @@ from poseppl_papers.tables import Kept, Provenance, Table, write_folder
 from rich.console import Console
 from rich.table import Table as ShownTable
 
-from poseppl.jobs.versions import versions
+from poseppl.jobs.job import versions
 
 DATA = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
 """The folder of the recordings."""

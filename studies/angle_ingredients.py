@@ -27,7 +27,7 @@ from poseppl.compilation import jit
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, states_to_values
 from poseppl.motion.bodies.subject import MovingSubject
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.camera_refinement import bundle_adjust
 from poseppl.motion.keypoints.drawn_detections import CALIBRATION, detect
 from poseppl.motion.keypoints.scene import noise_of_points, with_markers

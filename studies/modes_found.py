@@ -38,7 +38,7 @@ from poseppl_models.bodies.joint_angles import joint_limits
 from poseppl_papers.tables import Kept, Provenance, Table, read_folder, write_folder
 
 from benchmarks.timing import show
-from poseppl.jobs.versions import versions
+from poseppl.jobs.job import versions
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
 from poseppl.kernels.mode_search import covariance_scaled, dynamic_noise

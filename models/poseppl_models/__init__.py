@@ -8,8 +8,8 @@ BODIES = (
     "poseppl_models.darby.body:full_body",
     "poseppl_models.peursum.body:full_body",
     "poseppl_models.bodies.silhouettes:full_body",
-    "poseppl_models.sminchisescu_triggs.marker_body:full_body",
-    "poseppl_models.sminchisescu_triggs.marker_body:stiff_shoulders",
-    "poseppl_models.sminchisescu_triggs.marker_body:arm",
+    "poseppl_models.sminchisescu_triggs.programs:full_body",
+    "poseppl_models.sminchisescu_triggs.programs:stiff_shoulders",
+    "poseppl_models.sminchisescu_triggs.programs:arm",
 )
 """The builders of bodies that can be tracked; results may name them."""

@@ -9,8 +9,8 @@ from typing import Any
 
 from poseppl.errors import FilePath, InputError
 from poseppl.jobs import Executor, JobProgress, run_jobs
+from poseppl.jobs.job import versions
 from poseppl.jobs.run import Silent, waiting
-from poseppl.jobs.versions import versions
 from poseppl.report.picture import save_picture
 from poseppl_papers.experiment import Experiment, Part, Tables, Task
 from poseppl_papers.page import write_page

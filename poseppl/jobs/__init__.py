@@ -15,7 +15,6 @@ A second call computes what is missing and reads the rest.
 
 from __future__ import annotations
 
-from poseppl.jobs.cluster import Cluster as Cluster
+from poseppl.jobs.cluster import Cluster as Cluster, Processes as Processes
 from poseppl.jobs.job import Executor as Executor, Inline as Inline, Job as Job, Outcome as Outcome
-from poseppl.jobs.processes import Processes as Processes
 from poseppl.jobs.run import JobError as JobError, JobProgress as JobProgress, run_jobs as run_jobs

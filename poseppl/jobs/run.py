@@ -14,10 +14,8 @@ from typing import Any, Protocol
 
 from poseppl.errors import FilePath, InputError, PosepplError, brief
 from poseppl.files.store import Arrays, Store
-from poseppl.jobs.cluster import Cluster
-from poseppl.jobs.job import Executor, Function, Inline, Job, Outcome
-from poseppl.jobs.processes import Processes
-from poseppl.jobs.versions import versions
+from poseppl.jobs.cluster import Cluster, Processes
+from poseppl.jobs.job import Executor, Function, Inline, Job, Outcome, versions
 
 _FORMAT = 2
 _SHOWN = 5

@@ -15,9 +15,9 @@ from poseppl_models.darby import body as darby_likelihood
 from poseppl_models.darby.body import darby_body
 from poseppl_models.du_guan import evidence as du_guan_evidence
 from poseppl_models.du_guan.likelihood import du_guan_body
+from poseppl_models.images.evidence import two_way_evidence
 from poseppl_models.images.image_program import ImageInputs, camera_likelihood, image_program
 from poseppl_models.images.silhouette_bits import pack_mask
-from poseppl_models.images.two_way_evidence import two_way_evidence
 from poseppl_models.peursum import body as peursum_likelihood
 from poseppl_models.peursum.body import peursum_body
 from precision import precision

@@ -15,8 +15,8 @@ from poseppl_papers.peursum.factored_draws import log_walk_matrix
 from poseppl_papers.peursum.monocular import COLUMNS, GROUND, THEIRS, _hues, draw_body, monocular, monocular_claims
 from poseppl_papers.peursum.plan import FULL, LEARNED, PUBLISHED, plan_monocular, plan_runtimes
 from poseppl_papers.peursum.smoothed_walks import ALGORITHMS, STAGES
+from poseppl_papers.peursum.tables import RUNTIME_COLUMNS as TIMED, runtime_claims, runtime_table, runtimes
 from poseppl_papers.peursum.tracks import posture_squares
-from poseppl_papers.peursum.walk_tables import RUNTIME_COLUMNS as TIMED, runtime_claims, runtime_table, runtimes
 from poseppl_papers.recordings import Recording
 from poseppl_papers.tables import Table
 

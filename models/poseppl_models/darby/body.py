@@ -52,6 +52,7 @@ from poseppl_models.bodies.choo_fleet import LIMBS, NOISE, WALK
 from poseppl_models.bodies.cone_body import ConeBody, fitted_stature, measured_lengths, proportional_body
 from poseppl_models.bodies.joint_names import ALIASES, edges_along, segments
 from poseppl_models.bodies.random_walk import see_points, walking_body
+from poseppl_models.images.evidence import TwoWayEvidence
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import (
     areas,
@@ -63,7 +64,6 @@ from poseppl_models.images.part_samples import (
     weighted_mean,
 )
 from poseppl_models.images.silhouette_bits import count_ones
-from poseppl_models.images.two_way_evidence import TwoWayEvidence
 
 AXES = {
     "pelvis": "ZYX",

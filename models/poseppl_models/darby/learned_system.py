@@ -25,8 +25,7 @@ from poseppl_models.bodies.joint_angles import hard_limits
 from poseppl_models.bodies.learned_motion import Activity, learned_motion
 from poseppl_models.bodies.random_walk import walking_body
 from poseppl_models.darby.body import darby_body
-from poseppl_models.images.body_constraints import parts_apart
-from poseppl_models.images.image_program import ImageInputs, camera_likelihood
+from poseppl_models.images.image_program import ImageInputs, camera_likelihood, parts_apart
 from poseppl_models.images.image_systems import (
     BETA,
     ImageSystem,

@@ -34,9 +34,8 @@ from poseppl_models.bodies.anthropometry import STATURE
 from poseppl_models.bodies.cone_body import ConeBody, fitted_states, fitted_stature, measured_lengths, with_crown
 from poseppl_models.darby.body import darby_body, darby_monocular_score, darby_score
 from poseppl_models.du_guan.likelihood import du_guan_body, du_guan_score
-from poseppl_models.images.body_constraints import parts_apart, within_limits
-from poseppl_models.images.feature_evidence import colours_at, du_guan_of_features, two_way_of_features
-from poseppl_models.images.image_program import CameraScore, ImageInputs, image_program
+from poseppl_models.images.evidence import colours_at, du_guan_of_features, two_way_of_features
+from poseppl_models.images.image_program import CameraScore, ImageInputs, image_program, parts_apart, within_limits
 from poseppl_models.peursum.body import peursum_body, peursum_score
 
 STRIDE = 4

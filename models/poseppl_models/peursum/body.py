@@ -54,6 +54,7 @@ from poseppl.motion.geometry.coverage import part_distances, project_parts, soft
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths, segment_radii
 from poseppl_models.bodies.cone_body import ConeBody, cone_body, fitted_stature, limb_cones, trunk_cones
 from poseppl_models.darby.body import seen_as_points
+from poseppl_models.images.evidence import TwoWayEvidence
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import (
     areas,
@@ -65,7 +66,6 @@ from poseppl_models.images.part_samples import (
     weighted_mean,
 )
 from poseppl_models.images.silhouette_bits import count_ones
-from poseppl_models.images.two_way_evidence import TwoWayEvidence
 
 LOOSENESS = 1.25
 """By how much cylinders are thicker than the segments within."""

@@ -43,8 +43,7 @@ from poseppl.motion.learned import FactoredTables, bin_angles, read_factored_tab
 from poseppl.program import StateSpaceModel
 from poseppl_models.bodies.cone_body import ConeBody
 from poseppl_models.bodies.random_walk import Observe
-from poseppl_models.images.body_constraints import within_limits
-from poseppl_models.images.image_program import ImageInputs, camera_likelihood
+from poseppl_models.images.image_program import ImageInputs, camera_likelihood, within_limits
 from poseppl_models.images.image_systems import (
     STRIDE,
     ImageSystem,

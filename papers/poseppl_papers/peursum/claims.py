@@ -17,16 +17,20 @@ from poseppl_papers.measured import MATTERS, Interval, Measured, difference, fin
 from poseppl_papers.peursum.dimensionality import EXACT
 from poseppl_papers.peursum.monocular import monocular_claims
 from poseppl_papers.peursum.plan import PUBLISHED_EXPONENT
-from poseppl_papers.peursum.tables import ANNEALED, DIFFUSIONS, PLAIN, sweep, told_share
-from poseppl_papers.peursum.walk_tables import (
+from poseppl_papers.peursum.tables import (
+    ANNEALED,
     CIRCLES,
-    FILTER,
+    DIFFUSIONS,
     FURNITURE,
+    PLAIN,
     SMOOTHERS,
+    WALK_FILTER,
     errors_by_person,
     filters_of,
     gains,
     runtime_claims,
+    sweep,
+    told_share,
 )
 from poseppl_papers.tables import Table, grouped
 
@@ -175,7 +179,7 @@ def walk_claims(tables: Tables) -> list[Claim]:
     """All claims that the table decides."""
     filters = filters_of(tables)
     learned, generic = _first(filters, LEARNED), [name for name in filters if not name.startswith(LEARNED)]
-    run = [kind for kind in _PAPERS if errors_by_person(tables, learned, FILTER, kind)]
+    run = [kind for kind in _PAPERS if errors_by_person(tables, learned, WALK_FILTER, kind)]
     found = [_errors(tables, kind) for kind in run]
     found += [_alike_on_walks(tables, kind, *generic[:2]) for kind in run if len(generic) > 1]
     found += [_guides(tables, learned, name) for name in generic if len(run) == len(_PAPERS)]
@@ -268,19 +272,19 @@ def _survivors(tables: Tables, filter: str) -> Claim:
 
 def _over_people(tables: Tables, filter: str, column: str, spec: str, factor: float = 1.0) -> tuple[Interval, str]:
     """A column of the filter's rows over people, and how it is written."""
-    own = [errors_by_person(tables, filter, FILTER, kind, column) for kind in _PAPERS]
+    own = [errors_by_person(tables, filter, WALK_FILTER, kind, column) for kind in _PAPERS]
     people = dict.fromkeys(person for each in own for person in each)
     mean = mean_interval([factor * float(np.mean([each[person] for each in own if person in each])) for person in people])
     return mean, f"{mean.text(spec)}, {len(people)} people"
 
 
 def _seconds_on_walks(tables: Tables, filter: str) -> Claim:
-    median = float(np.median(tables["walks"].column("seconds", filter=filter, smoother=FILTER).astype(float)))
+    median = float(np.median(tables["walks"].column("seconds", filter=filter, smoother=WALK_FILTER).astype(float)))
     return Claim("Table 4: seconds a frame of FSHHMM-PF", "25 s", f"{median:.2g} s, a busy core", "none: another machine", "")
 
 
 def _filtered(tables: Tables, filter: str, kind: str) -> dict[str, float]:
-    return errors_by_person(tables, filter, FILTER, kind)
+    return errors_by_person(tables, filter, WALK_FILTER, kind)
 
 
 def _short(filter: str) -> str:

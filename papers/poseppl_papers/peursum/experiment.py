@@ -28,9 +28,12 @@ from poseppl_papers.peursum.tables import (
     exponent_table,
     exponents,
     mixtures,
+    runtime_table,
+    runtimes,
     trackers,
+    walk_table,
+    walks,
 )
-from poseppl_papers.peursum.walk_tables import runtime_table, runtimes, walk_table, walks
 
 _SETTING = f"""\
 Peursum, Venkatesh and West, "A Study on Smoothing for Particle-Filtered 3D Human Body Tracking", IJCV 2010, \

@@ -2,7 +2,7 @@
 
 The paper's own sequences (section 5) are 8 s of an arm, 1.2 s of a pivoting body and 4 s of a body that turns. Ours are smooth
 programs of the joints, different for every seed, and recorded motions. Angles are those of
-``poseppl_models.sminchisescu_triggs.marker_body``.
+``poseppl_models.sminchisescu_triggs.programs``.
 
 A limb in the image plane leaves it towards the camera or away from it, and looks the same (section 1.2 of the paper). Each
 motion here takes limbs through such a pose, and on to one whose mirror image breaks a joint limit or runs through the trunk: a
@@ -188,7 +188,7 @@ def _recorded(build: Any, kind: str, recording: Recording, rate: float, seconds:
     subject = recorded_subject(
         recording.path,
         recording.skeleton,
-        model=f"poseppl_models.sminchisescu_triggs.marker_body:{'full_body' if kind == 'full' else kind}",
+        model=f"poseppl_models.sminchisescu_triggs.programs:{'full_body' if kind == 'full' else kind}",
         frames=f"{first}:{first + step * round(seconds * own / step)}:{step}",
     )
     return Moving(build(kind, dict(subject.body.lengths)), subject.states, subject.complete_markers())

@@ -1,6 +1,6 @@
 """Points as text tables: Caliscope's CSV of all cameras, and Ultralytics' folder of a file a picture.
 
-Of Caliscope (once Pyxy3D) a row is a point that was found, so that its confidence is 1:
+A row of Caliscope (once Pyxy3D) is a point that was found, so that its confidence is 1:
 
     sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y,obj_loc_x,...
     35,0,0,0,577.268311,305.517639,0.054,...
@@ -8,7 +8,7 @@ Of Caliscope (once Pyxy3D) a row is a point that was found, so that its confiden
 Older files have ``port`` for ``cam_id``, ``point_id`` for ``keypoint_id``, and ``frame_time``, seconds. Cameras go by their
 number, as the tables ``[cameras.0]`` of ``camera_array.toml`` do.
 
-Of Ultralytics (``save_txt=True``) a line is a person:
+A line of Ultralytics (``save_txt=True``) is a person:
 
     0 0.5 0.5 0.2 0.6 0.522 0.345 0.84 0.528 0.343 0.72 ...
 

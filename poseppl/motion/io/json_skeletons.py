@@ -5,12 +5,12 @@ rotation: a quaternion w, x, y, z for the root and for spherical joints, an angl
 revolute ones. Y is up. See `humanoid3d.txt` of the DeepMimic project (Peng, Abbeel, Levine and van de Panne 2018,
 doi:10.1145/3197517.3201311).
 
-Of exponential maps, columns 0 to 2 are the root's translation, columns 3 + 3j to 5 + 3j the exponential map v (axis times
-angle, radians) of joint j, of matrices that act on rows: as a rotation of columns it is exp(-[v]), from the joint's axes to
-its parent's. The skeleton lists ``parent`` (-1 for the root) and ``offset`` of every joint from its parent, in the parent's
-axes. Lengths are in units of CMU's ASF skeletons, 1/0.45 inch. Y is up. In this form the walks of CMU's database serve the
-literature on human motion prediction (Fragkiadaki, Levine, Felsen and Malik 2015, doi:10.1109/ICCV.2015.494). Joints have no
-names there; those of the 38 joints of CMU are given here.
+Exponential maps have other rows. Columns 0 to 2 are the root's translation, columns 3 + 3j to 5 + 3j the exponential map v
+(axis times angle, radians) of joint j, of matrices that act on rows: as a rotation of columns it is exp(-[v]), from the
+joint's axes to its parent's. The skeleton lists ``parent`` (-1 for the root) and ``offset`` of every joint from its parent, in
+the parent's axes. Lengths are in units of CMU's ASF skeletons, 1/0.45 inch. Y is up. In this form the walks of CMU's database
+serve the literature on human motion prediction (Fragkiadaki, Levine, Felsen and Malik 2015, doi:10.1109/ICCV.2015.494). Joints
+have no names there; those of the 38 joints of CMU are given here.
 """
 
 from __future__ import annotations

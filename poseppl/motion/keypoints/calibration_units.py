@@ -16,7 +16,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import scaled
 from poseppl.motion.io.units_and_axes import MM_PER_UNIT

@@ -18,7 +18,7 @@ import xarray as xr
 
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.growing_folders import KeypointFrame

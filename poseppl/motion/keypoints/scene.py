@@ -20,7 +20,7 @@ from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.cameras import calibration_of

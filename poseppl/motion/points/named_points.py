@@ -19,7 +19,7 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import PointInputs, compile_once
 from poseppl.motion.geometry import Cameras, depth
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.program import CompiledModel, Observation
 
 FREEDOM = 5.0

@@ -31,6 +31,7 @@ from poseppl.motion.vision.features import (
     FeatureSettings as FeatureSettings,
     FrameFeatures as FrameFeatures,
     extract as extract,
+    features_picture as features_picture,
     scale_image as scale_image,
     scale_mask as scale_mask,
 )
@@ -48,4 +49,3 @@ from poseppl.motion.vision.image_cues import (
     motion_boundaries as motion_boundaries,
 )
 from poseppl.motion.vision.masks import check_mask as check_mask, clean_mask as clean_mask, keep_together as keep_together
-from poseppl.motion.vision.picture import features_picture as features_picture

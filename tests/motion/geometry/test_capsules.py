@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from poseppl_models.darby.body import darby_body
 from poseppl_models.du_guan.likelihood import du_guan_body
-from poseppl_models.images.body_constraints import Capsules, clearances, part_capsules, parts_apart, rejected, within_limits
+from poseppl_models.images.image_program import Capsules, clearances, part_capsules, parts_apart, rejected, within_limits
 from poseppl_models.peursum.body import peursum_body
 from precision import precision
 from scipy.optimize import lsq_linear

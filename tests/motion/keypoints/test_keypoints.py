@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.errors import InputError
 from poseppl.motion.geometry import project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoint_layouts import markers_of_names

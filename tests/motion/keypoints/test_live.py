@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import DetectedPeople, read_calibration, read_cameras
 from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.json_detectors import read_openpose
