@@ -44,7 +44,7 @@ from poseppl.motion.verdicts.agreement import overlap
 from studies.kept_runs import keep_run, read_runs
 
 RATE, NOISE, NUM_FRAMES = 30.0, 0.003, 80
-POINTS, SILHOUETTES = "poseppl_models.darby.body:full_body", "poseppl_models.bodies.silhouettes:full_body"
+POINTS, SILHOUETTES = "poseppl_models.darby.marker_body:full_body", "poseppl_models.bodies.silhouettes:full_body"
 """Bodies that are seen as one and the other."""
 RECORDINGS = (
     "05_01,06_01,07_03,07_08,08_03,08_06,16_47,16_58,35_12,35_33,02_01,02_03,02_04,02_05"  # the last three are no walks

@@ -5,11 +5,11 @@ BODIES = (
     "poseppl_models.bodies.choo_fleet:lower_body",
     "poseppl_models.bodies.choo_fleet:arm",
     "poseppl_models.bodies.footed:footed_body",
-    "poseppl_models.darby.body:full_body",
-    "poseppl_models.peursum.body:full_body",
+    "poseppl_models.darby.marker_body:full_body",
+    "poseppl_models.peursum.marker_body:full_body",
     "poseppl_models.bodies.silhouettes:full_body",
-    "poseppl_models.sminchisescu_triggs.programs:full_body",
-    "poseppl_models.sminchisescu_triggs.programs:stiff_shoulders",
-    "poseppl_models.sminchisescu_triggs.programs:arm",
+    "poseppl_models.sminchisescu_triggs.marker_body:full_body",
+    "poseppl_models.sminchisescu_triggs.marker_body:stiff_shoulders",
+    "poseppl_models.sminchisescu_triggs.marker_body:arm",
 )
 """The builders of bodies that can be tracked; results may name them."""

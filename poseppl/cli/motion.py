@@ -11,7 +11,7 @@ from poseppl.cli.checks import BUILDER, RATE, InputFile, check_inputs, files_of_
 from poseppl.cli.options import common_options, seed_option
 from poseppl.errors import InputError
 
-BODY = "poseppl_models.darby.body:full_body"
+BODY = "poseppl_models.darby.marker_body:full_body"
 
 EXAMPLES = """
 \b

@@ -169,7 +169,7 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (["smoothers", "gibs"], ["'gibs' is no smoother (expected gibbs)"]),
         (["track", "--model", "nothing"], ["--model"]),
-        (["track", "--model", "poseppl_models.sminchisescu_triggs.programs:arm"], ["--model", "28 coordinates"]),
+        (["track", "--model", "poseppl_models.sminchisescu_triggs.marker_body:arm"], ["--model", "28 coordinates"]),
         (["track", "--model", "poseppl_models.bodies.choo_fleet:leg"], ["--model", "full_body"]),
         (["track", "absent.bvh"], ["absent.bvh", "no such file"]),
         (["track", "walk.csv"], ["walk.csv", ".amc or .bvh or .c3d or .trc or .txt"]),

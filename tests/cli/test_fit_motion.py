@@ -32,7 +32,7 @@ def test_recordings_of_two_people_and_rates(capsys: pytest.CaptureFixture[str], 
     assert "16, PiG_Motion-FlatFoot-Full" in told.out and "variance kept" in told.out
     model = read_motion_model("both.nc")
     assert model.rate == 20.0 and model.provenance["frames"] == [77, 63] and len(model.means) == 5
-    assert model.provenance["files"] == [walk, march] and model.body == "poseppl_models.darby.body:full_body"
+    assert model.provenance["files"] == [walk, march] and model.body == "poseppl_models.darby.marker_body:full_body"
     assert Path("both.png").read_bytes()[:4] == b"\x89PNG"
 
 

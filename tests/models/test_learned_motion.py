@@ -12,7 +12,7 @@ import pytest
 import scipy.stats
 from law_problems import run
 from poseppl_models.bodies.learned_motion import Activity
-from poseppl_models.darby.body import full_body
+from poseppl_models.darby.marker_body import full_body
 from precision import precision
 from synthetic_walks import walk, walks
 
@@ -100,14 +100,14 @@ def test_inference_is_that_of_hmmlearn_on_another_walk():
 def recorded(data_dir):
     """A walk of each of the people 07, 16 and 35 for learning, at 30 frames a second, and another one of the second."""
     folder = data_dir / "cmu_walks"
-    body = "poseppl_models.darby.body:full_body"
+    body = "poseppl_models.darby.marker_body:full_body"
     return [pose_recording(read_recording(folder / f"{name}.amc"), body, 30.0) for name in ("07_01", "16_15", "35_05", "16_31")]
 
 
 @pytest.mark.slow
 def test_inference_is_that_of_hmmlearn_on_held_out_recordings(recorded):
     *known, held_out = recorded
-    model = train_motion_model(known, "poseppl_models.darby.body:full_body", TrainingSettings(num_states=15))
+    model = train_motion_model(known, "poseppl_models.darby.marker_body:full_body", TrainingSettings(num_states=15))
     assert 0.85 < model.explained < 0.99 and len(model.learned) == 22
     check_inference(model, model.features(held_out.states, "16"))
     apart = model.angles(model.features(held_out.states, "16"), "16") - held_out.states[:, model.learned]

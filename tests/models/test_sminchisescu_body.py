@@ -12,7 +12,7 @@ from poseppl_models.bodies.anthropometry import INTERNAL, anthropometric_prior, 
 from poseppl_models.bodies.joint_angles import smooth_limits
 from poseppl_models.bodies.limited_walk import LimitedNormal, _JointLimits, limited_walk
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
-from poseppl_models.sminchisescu_triggs.programs import arm, full_body, measure, measure_arm, stiff_shoulders
+from poseppl_models.sminchisescu_triggs.marker_body import arm, full_body, measure, measure_arm, stiff_shoulders
 from precision import precision
 from scipy import integrate, stats
 

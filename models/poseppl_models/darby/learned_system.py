@@ -97,7 +97,7 @@ def darby_learned_system(
 def _check(model: MotionModel, body: ConeBody, rate: float, file: str) -> None:
     if tuple(model.coordinates) != tuple(body.tree.coordinate_names):
         raise InputError(
-            "the motion is of another body", file=file, expected="one that poseppl_models.darby.body:full_body learned"
+            "the motion is of another body", file=file, expected="one that poseppl_models.darby.marker_body:full_body learned"
         )
     if abs(model.rate / rate - 1) > 1e-3:
         raise InputError(f"{model.rate:g} frames a second", file=file, expected=f"{rate:g}, as the person is seen")

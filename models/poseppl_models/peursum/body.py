@@ -12,10 +12,6 @@ own.
 >>> body.tree.dimension, len(body.flesh.names)
 (28, 12)
 
->>> body = full_body()
->>> body.tree.dimension, len(body.tree.marker_names)
-(28, 15)
-
 The likelihood has a distance D >= 0 between an image and the projected body, and an exponential distribution of it (Eqs. 8 and
 9):
 
@@ -42,18 +38,15 @@ cannot gain by leaving the image, because all of the foreground is then unexplai
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import reduce
 
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry.batch_last import computed_once
 from poseppl.motion.geometry.coverage import part_distances, project_parts, soft_coverage
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths, segment_radii
-from poseppl_models.bodies.cone_body import ConeBody, cone_body, fitted_stature, limb_cones, trunk_cones
-from poseppl_models.darby.body import seen_as_points
+from poseppl_models.bodies.cone_body import ConeBody, cone_body, limb_cones, trunk_cones
 from poseppl_models.images.evidence import TwoWayEvidence
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import (
@@ -86,17 +79,6 @@ def peursum_body(scale: float = 1.0) -> ConeBody:
     reach = {**lengths, "forearm": lengths["forearm"] + SHORT_HAND * lengths["hand"]}
     limbs = limb_cones(reach, radii, ("upper_arm", "forearm", "thigh", "shank", "foot"))
     return cone_body(lengths, AXES, [*trunk_cones(lengths, radii), *limbs])
-
-
-def full_body(lengths: Mapping[str, float] | None = None) -> Body:
-    """Build the body in the size of a person; its proportions are fixed.
-
-    Args:
-        lengths: Segment lengths, mm, from which its stature follows.
-    """
-    sizes = segment_lengths() | dict(lengths or {})
-    stature = fitted_stature({name: length for name, length in sizes.items() if name != "head"})
-    return seen_as_points(peursum_body(stature / STATURE), sizes)
 
 
 SIDE_SAMPLES = 8

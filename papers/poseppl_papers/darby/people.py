@@ -26,7 +26,7 @@ from poseppl_papers.recordings import Recording
 from poseppl_papers.runs import stacked
 from poseppl_papers.tables import grouped
 
-BODY = "poseppl_models.darby.body:full_body"
+BODY = "poseppl_models.darby.marker_body:full_body"
 VERSION = 1
 """Counted up when training comes to mean another thing."""
 

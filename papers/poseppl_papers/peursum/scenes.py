@@ -69,7 +69,7 @@ def _first(recordings: Sequence[Recording], count: int) -> Sequence[Recording]:
     return recordings[:count]
 
 
-BODY = "poseppl_models.peursum.body:full_body"
+BODY = "poseppl_models.peursum.marker_body:full_body"
 _SECONDS = 3.0
 """Length of the built-in walk."""
 VERSION = 2

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.bodies.choo_fleet import arm, full_body
-from poseppl_models.darby.body import full_body as darby_body
+from poseppl_models.darby.marker_body import full_body as darby_body
 from scipy.spatial.transform import Rotation
 
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, opensim_values

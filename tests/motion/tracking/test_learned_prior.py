@@ -21,7 +21,7 @@ from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.full
 
-BODY = "poseppl_models.darby.body:full_body"
+BODY = "poseppl_models.darby.marker_body:full_body"
 VIDEO_BODY = "poseppl_models.bodies.choo_fleet:full_body"
 
 
