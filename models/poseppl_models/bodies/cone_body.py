@@ -6,8 +6,8 @@ of each joint, "" for none, and the cones that it moves. z points up, y forward,
 bend by positive rotations about X, and knees by negative ones. Left limbs are lifted sideways by positive rotations about Y,
 right limbs by negative ones. Parts have the name of their segment, with ``_l`` or ``_r``.
 
-The joints are virtual markers, as :func:`poseppl.diagnostics.virtual_markers` gives them: the pelvis between the hips, the neck
-between the shoulders, the end of the head (``crown``), and six joints of the limbs on either side.
+The joints are virtual markers, as :func:`poseppl.motion.tracking.marker_errors.virtual_markers` gives them: the pelvis between
+the hips, the neck between the shoulders, the end of the head (``crown``), and six joints of the limbs on either side.
 
 >>> import numpy as np
 >>> from poseppl_models.darby.body import darby_body

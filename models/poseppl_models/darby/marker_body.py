@@ -2,7 +2,7 @@
 
 The body of :mod:`poseppl_models.darby.body` with the markers that its joints move: hands and feet do not turn on it, and
 have none. The pelvis is the middle of the hips and the neck that of the shoulders, as the virtual markers of papers on body
-tracking are (:mod:`poseppl.diagnostics.marker_errors`).
+tracking are (:mod:`poseppl.motion.tracking.marker_errors`).
 
 >>> body = full_body()
 >>> body.tree.dimension, len(body.tree.marker_names), body.program is full_body({"thigh": 400.0}).program
