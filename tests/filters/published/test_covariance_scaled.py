@@ -151,7 +151,7 @@ def test_a_cut_density_that_ignores_its_slope_is_noticed(monkeypatch):
     """Draws of half a Gaussian at the bound lie too far inside."""
     real = face_laplace.draw
     monkeypatch.setattr(
-        mode_mixture.truncation, "draw", lambda key, slope, curvature, num: real(key, 0.0 * slope, 1e-2 * curvature, num)
+        mode_mixture.face_laplace, "draw", lambda key, slope, curvature, num: real(key, 0.0 * slope, 1e-2 * curvature, num)
     )
     with pytest.raises(AssertionError):
         test_a_joint_at_its_limit_stays_inside_of_it()
