@@ -124,8 +124,8 @@ def with_errors(inputs: BodyInputs, **errors: Any) -> BodyInputs:
     return inputs._replace(errors=inputs.errors._replace(**errors))
 
 
-def mended_inputs(inputs: Any, points: Floats) -> Any:
-    """Inputs with the cameras that the points tell, and what remains unknown of them."""
+def corrected_inputs(inputs: Any, points: Floats) -> Any:
+    """Inputs with the cameras refined by the points, and what remains unknown of them."""
     cameras: Cameras = jax.tree.map(lambda leaf: leaf[0], inputs.cameras)
     noise = float(np.asarray(inputs.noise).mean())
     refined = bundle_adjust(cameras, points, np.ones(points.shape[:3]), noise, RATE)
@@ -168,7 +168,7 @@ def ranks(found: Study, given: Callable[[Any], Any], seed: int) -> dict[str, Flo
     truth, clean = _truth(found.body, found.truth, jax.random.key(seed), found.inputs)
     hidden = ~found.seen | (rng.random(clean.shape[:3]) < GAP_SHARE)
     points = np.where(hidden[..., None], np.nan, np.asarray(clean, np.float64))
-    inputs = given(mended_inputs(found.inputs, points) if found.body.num_static else found.inputs)
+    inputs = given(corrected_inputs(found.inputs, points) if found.body.num_static else found.inputs)
     alone = inputs._replace(errors=None, velocities=None, step_scale=jnp.asarray(found.pose.inputs.step_scale))
     start = _start(found.pose.model, found.pose.model.observe({"points": points}), alone)
     key = jax.random.fold_in(jax.random.key(seed), 1)

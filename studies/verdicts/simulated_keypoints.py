@@ -115,31 +115,23 @@ def _inside(values: Sequence[float]) -> str:
 
 
 def clocks(tables: Tables) -> str:
-    """Offsets that are none, and cameras that are lost, by clutter and the size of the cameras' errors."""
+    """Errors of offsets, and cameras that are lost, by lateness, clutter and the size of the cameras' errors."""
     records = tables["simulated_clocks"].records()
-    columns = (
-        "clutter",
-        "cameras' errors",
-        "recordings",
-        "offset, frames",
-        "largest",
-        "reported SD",
-        "in 90 % intervals",
-        "corrected",
-        "cameras lost",
-    )
+    columns = ("late", "clutter", "cameras' errors", "recordings", "with offsets", "error, frames", "largest", "reported SD")
     cells, right = [], []
-    for case in dict.fromkeys((row["clutter"], row["calibration"]) for row in records):
-        own = [row for row in records if (row["clutter"], row["calibration"]) == case]
-        known = [row for row in own if not math.isnan(row["offset"])]
-        offsets, count = [row["offset"] for row in known], len(own)
+    for case in dict.fromkeys((row["late"], row["clutter"], row["calibration"]) for row in records):
+        own = [row for row in records if (row["late"], row["clutter"], row["calibration"]) == case]
+        known = [row for row in own if not math.isnan(row["error"])]
+        errors, count = [row["error"] for row in known], len(own)
         informed = f"{mean(row['deviation'] for row in known):.2f}"
-        of = (("held", 3 * len(known)), ("mended", 3 * count), ("lost", 4 * count))
+        of = (("covered", 3 * len(known)), ("wrong", 3 * count), ("lost", 4 * count))
         numbers = [f"{sum(row[name] for row in own)} of {total}" for name, total in of]
-        cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", informed, *numbers])
-        right.append(not any(row["mended"] or row["lost"] for row in own))
+        sizes = (_interval(errors, 2), f"{max(errors):.2f}", informed)
+        cells.append([*map(str, case), str(count), str(len(known)), *sizes, *numbers])
+        right.append(not any(row["wrong"] or row["lost"] for row in own))
     word = "holds" if all(right) else "does not hold"
-    return f"{markdown(columns, cells)}\n\nThat no clock is corrected and no camera lost where all clocks are right {word}."
+    table = markdown((*columns, "in 90 % intervals", "wrongly corrected", "cameras lost"), cells)
+    return f"{table}\n\nThat no clock is corrected wrongly and no camera lost {word}."
 
 
 def ranks(tables: Tables) -> str:

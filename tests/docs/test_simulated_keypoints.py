@@ -61,9 +61,9 @@ def test_ranks_are_judged_by_their_chance(smoother, chance, ece, told):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("mended", "lost", "verdict"), [(0, 0, "holds"), (1, 0, "does not hold"), (0, 1, "does not hold")])
-def test_clocks_that_are_right_are_not_to_be_corrected(mended, lost, verdict):
-    columns = ("recording", "clutter", "calibration", "offset", "deviation", "held", "mended", "lost")
-    rows = [("a", "no", "0", 0.2, 0.1, 2, 0, 0), ("b", "no", "0", 0.4, 0.1, 3, mended, lost)]
+@pytest.mark.parametrize(("wrong", "lost", "verdict"), [(0, 0, "holds"), (1, 0, "does not hold"), (0, 1, "does not hold")])
+def test_clocks_are_not_to_be_corrected_wrongly(wrong, lost, verdict):
+    columns = ("recording", "late", "clutter", "calibration", "error", "deviation", "covered", "wrong", "lost")
+    rows = [("a", "no", "no", "0", 0.2, 0.1, 2, 0, 0), ("b", "no", "no", "0", 0.4, 0.1, 3, wrong, lost)]
     found = clocks({"simulated_clocks": Table("", columns, rows)})
-    assert f"| 0.40 | 0.10 | 5 of 6 | {mended} of 6 | {lost} of 8 |" in found and found.endswith(f"right {verdict}.")
+    assert f"| 0.40 | 0.10 | 5 of 6 | {wrong} of 6 | {lost} of 8 |" in found and found.endswith(f"lost {verdict}.")
