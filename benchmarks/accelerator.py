@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 from poseppl_papers.choo_fleet.systems import SIMULATED, noisy_points, pose_sequence, stage_of
-from poseppl_papers.peursum.growth_sets import growth_sets
+from poseppl_papers.peursum.dimensionality import growth_sets
 from poseppl_papers.tables import Table
 
 import poseppl

@@ -22,8 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from poseppl_papers.provenance import read_folder
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Table, read_folder
 
 from benchmarks.timing import arguments, peak_memory, show, write_table
 from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model

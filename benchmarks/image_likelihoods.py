@@ -14,16 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.darby.cone_body import darby_body
-from poseppl_models.darby.likelihood import darby_monocular_score, darby_score
-from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.darby.body import darby_body, darby_monocular_score, darby_score
 from poseppl_models.du_guan.evidence import du_guan_evidence, pad_bins, part_colours
-from poseppl_models.du_guan.likelihood import du_guan_score
+from poseppl_models.du_guan.likelihood import du_guan_body, du_guan_score
+from poseppl_models.images.evidence import two_way_evidence
 from poseppl_models.images.image_program import ImageInputs, camera_likelihood
 from poseppl_models.images.silhouette_bits import body_bits, unpack_bits
-from poseppl_models.images.two_way_evidence import two_way_evidence
-from poseppl_models.peursum.cone_body import peursum_body
-from poseppl_models.peursum.likelihood import peursum_score, smooth_peursum_score
+from poseppl_models.peursum.body import peursum_body, peursum_score, smooth_peursum_score
 
 from benchmarks.timing import arguments, interleave, show
 from poseppl.motion.geometry import Cameras, join_cameras, look_at

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.timing import arguments, show
 from poseppl.cli.console import start_jax
-from poseppl.cli.live_table import LiveTable
+from poseppl.cli.track_live import LiveTable
 from poseppl.motion.io import read_calibration
 from poseppl.motion.io.growing_folders import GrowingFolders, KeypointFrame
 from poseppl.motion.keypoints.live import LiveTrack

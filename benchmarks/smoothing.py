@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_papers.peursum.growth_sets import Growth, Run, growth_sets, run_of
+from poseppl_papers.peursum.dimensionality import Growth, Run, growth_sets, run_of
 
 from benchmarks.timing import arguments, show
 from poseppl.program import CompiledModel, Observation

@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
-from poseppl_papers.provenance import Kept, Provenance, write_folder
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Kept, Provenance, Table, write_folder
 from rich.console import Console
 from rich.table import Table as ShownTable
 
-from poseppl.jobs.versions import versions
+from poseppl.jobs.job import versions
 
 DATA = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
 """The folder of the recordings."""

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from poseppl_models.toys.growth import VARIANCE, growth_mean
 from poseppl_models.toys.linear_gaussian import linear_gaussian
-from poseppl_papers.peursum.growth_sets import growth_sets, run_of
+from poseppl_papers.peursum.dimensionality import growth_sets, run_of
 from poseppl_papers.tables import Table
 
 import poseppl

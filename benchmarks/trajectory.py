@@ -33,7 +33,7 @@ from poseppl.motion.tracking import Problem, make_problem, observe_motion
 from poseppl.runs.frame_sequence import frame_inputs
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, Smoother, collect_history, particle_mgrad_smoother, trajectory_smoother
-from poseppl.smoothers.starts import initial_trajectories
+from poseppl.smoothers.backward_pass import initial_trajectories
 
 MOVES = 10
 """Moves of Particle-mGRAD, which cost less each, for one draw of the others."""

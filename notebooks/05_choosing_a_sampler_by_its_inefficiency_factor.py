@@ -31,8 +31,7 @@
 # %%
 import numpy as np
 from poseppl_papers.choo_fleet.figures import draw_tuning
-from poseppl_papers.choo_fleet.tuning import TuningRuns, tune
-from poseppl_papers.choo_fleet.tuning_tables import choose, tuning_tables
+from poseppl_papers.choo_fleet.tuning import TuningRuns, choose, tune, tuning_tables
 from poseppl_papers.recordings import BUILT_IN
 
 STEP_SIZES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)

@@ -38,7 +38,7 @@ from poseppl.motion.io.opencv import opencv
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.recordings.truth import save_subject_truth
 from poseppl.motion.rendering import Truth, build_setting, write_scene
-from poseppl.motion.rendering.packages import load_mujoco
+from poseppl.motion.rendering.render import load_mujoco
 from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.motion.tracking import make_problem
 from poseppl.report import new_picture

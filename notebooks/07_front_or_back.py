@@ -33,7 +33,7 @@ import poseppl
 from poseppl.diagnostics.modes import ambiguities, modes_over_time
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps
-from poseppl.motion.poses import segments
+from poseppl.motion.measures import segments
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking import make_problem, observe_motion
 from poseppl.motion.tracking.placing import place_cameras

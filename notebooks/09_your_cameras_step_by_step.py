@@ -28,10 +28,10 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.motion.bodies.opensim import opensim_values
 from poseppl.motion.geometry import project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import read_cameras, write_cameras
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings

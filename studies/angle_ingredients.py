@@ -27,7 +27,7 @@ from poseppl.compilation import jit
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, states_to_values
 from poseppl.motion.bodies.subject import MovingSubject
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.camera_refinement import bundle_adjust
 from poseppl.motion.keypoints.drawn_detections import CALIBRATION, detect
 from poseppl.motion.keypoints.scene import noise_of_points, with_markers
@@ -42,8 +42,7 @@ from poseppl.motion.tracking.recorded_model import offsets_of_lengths
 from poseppl.motion.tracking.scene import Scene
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.smoothers.base import History
-from poseppl.smoothers.cut_laplace import cut_laplace_smoother
-from poseppl.smoothers.laplace import laplace_smoother
+from poseppl.smoothers.laplace import cut_laplace_smoother, laplace_smoother
 from studies.kept_runs import keep_run, read_runs
 from studies.laboratory_rig import RIG, rig_records
 from studies.simulated_keypoints import LEVELS, OPENSIM, WALKS, ideal_deviations, recorded

@@ -25,8 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from poseppl_models.bodies.choo_fleet_flesh import choo_fleet_flesh
-from poseppl_models.bodies.silhouettes import full_body
+from poseppl_models.bodies.silhouettes import choo_fleet_flesh, full_body
 
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.motion.geometry import project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints

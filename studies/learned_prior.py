@@ -40,7 +40,7 @@ from poseppl.motion.silhouettes.video_sources import see_silhouettes, sources_of
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, track
 from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
 from poseppl.motion.tracking.placing import camera_names, cameras_around
-from poseppl.motion.verdicts.silhouettes import overlap
+from poseppl.motion.verdicts.agreement import overlap
 from studies.kept_runs import keep_run, read_runs
 
 RATE, NOISE, NUM_FRAMES = 30.0, 0.003, 80

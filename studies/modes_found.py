@@ -34,15 +34,14 @@ import jax.numpy as jnp
 import matplotlib
 import numpy as np
 from poseppl_models.bodies.choo_fleet import full_body
-from poseppl_models.bodies.joint_limits import joint_limits
-from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
-from poseppl_papers.tables import Table
+from poseppl_models.bodies.joint_angles import joint_limits
+from poseppl_papers.tables import Kept, Provenance, Table, read_folder, write_folder
 
 from benchmarks.timing import show
-from poseppl.jobs.versions import versions
+from poseppl.jobs.job import versions
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
-from poseppl.kernels.mode_proposals import covariance_scaled, dynamic_noise
+from poseppl.kernels.mode_search import covariance_scaled, dynamic_noise
 from poseppl.kernels.trust_region import climb_modes
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions

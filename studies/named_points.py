@@ -27,7 +27,7 @@ from benchmarks.timing import DATA, arguments, show
 from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
 from poseppl.motion.geometry import depth, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import read_cameras
 from poseppl.motion.points.files import read_point_recording
 from poseppl.motion.points.named_points import FREEDOM, PointRecording, logits

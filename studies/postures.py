@@ -1,4 +1,4 @@
-"""How people hold themselves: the numbers of ``poseppl_models.bodies.postures``, from the recordings that they are of.
+"""How people hold themselves: the numbers of ``poseppl_models.bodies.joint_angles``, from the recordings that they are of.
 
     POSEPPL_DATA=FOLDER python -m studies.postures [--quick] [--output postures]
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from poseppl_models.bodies.choo_fleet import full_body
-from poseppl_models.bodies.postures import LEFT
+from poseppl_models.bodies.joint_angles import LEFT
 from poseppl_papers.tables import Table
 
 from benchmarks.timing import DATA, arguments, show, write_table
@@ -31,7 +31,7 @@ MOTIONS = {
     "bending": (("cmu_amc/02_06.amc", "cmu_amc/02.asf"),),
 }
 _COLUMNS = ("joint", "axis", "mean", "deviation", "mean held", "deviation held")
-_ABOUT = "Angles of recorded people, radians, beside the numbers of poseppl_models.bodies.postures."
+_ABOUT = "Angles of recorded people, radians, beside the numbers of poseppl_models.bodies.joint_angles."
 
 
 def angles(recordings: tuple[tuple[str, str | None], ...]) -> Floats:

@@ -51,7 +51,7 @@ from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.simulation import draw_sequence
 from poseppl.smoothers import laplace_smoother, smoothed_moments
 from poseppl.smoothers.base import History
-from poseppl.smoothers.cut_laplace import cut_laplace_smoother
+from poseppl.smoothers.laplace import cut_laplace_smoother
 from studies.laboratory_rig import RIG, rig_middle, rig_records
 
 FRAMES, RATE, BINS = 20, 30.0, 10

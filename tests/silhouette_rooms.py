@@ -7,8 +7,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.bodies.choo_fleet_flesh import choo_fleet_flesh
-from poseppl_models.bodies.silhouettes import full_body
+from poseppl_models.bodies.silhouettes import choo_fleet_flesh, full_body
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts

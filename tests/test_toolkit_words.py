@@ -15,13 +15,12 @@ WORDS = re.compile(
     "body|bodies|skeletons?|silhouettes?|keypoints?|stature|pelvis|hips|limbs?|cameras?|markers|joints?|person|overlays?|poses?|flesh"
 )
 LEFT = {
-    "diagnostics/comparison.py": {"cameras", "joint"},
-    "diagnostics/extensions.py": {"body"},
+    "diagnostics/comparison.py": {"camera", "cameras", "joint"},
+    "diagnostics/diagnosis.py": {"body"},
     "diagnostics/paired_comparison.py": {"joint"},
     "diagnostics/run_figures.py": {"joint", "joints", "silhouettes"},
-    "diagnostics/same_data.py": {"camera", "cameras"},
     "diagnostics/verdicts/comparison.py": {"cameras"},
-    "report/compare_charts.py": {"joint"},
+    "report/compare.py": {"joint"},
     "report/compare_tables.py": {"joint"},
 }
 """Words that remain, by file: errors and coverage of markers, and cameras of compared runs."""

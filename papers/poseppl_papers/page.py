@@ -8,8 +8,7 @@ from pathlib import Path
 
 from poseppl.files.atomic_writing import write_atomically
 from poseppl_papers.experiment import UNPUBLISHED, Experiment, Section, Tables
-from poseppl_papers.provenance import Kept, read_folder
-from poseppl_papers.tables import markdown
+from poseppl_papers.tables import Kept, markdown, read_folder
 
 PAGE, ERRATA = "page.md", "validation/errata.md"
 CLAIM_COLUMNS = ("claim", "published", "ours", "verdict", "why")

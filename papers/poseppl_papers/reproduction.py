@@ -1,4 +1,4 @@
-"""Run an experiment, or parts of it: jobs, then tables, figures and the page."""
+"""Run an experiment, or parts of it: jobs, with one count of all and the time left, then tables, figures and the page."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from typing import Any
 
 from poseppl.errors import FilePath, InputError
 from poseppl.jobs import Executor, JobProgress, run_jobs
-from poseppl.jobs.progress import Silent
-from poseppl.jobs.versions import versions
+from poseppl.jobs.job import versions
+from poseppl.jobs.run import Silent, waiting
 from poseppl.report.picture import save_picture
 from poseppl_papers.experiment import Experiment, Part, Tables, Task
 from poseppl_papers.page import write_page
-from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl_papers.recordings import BUILT_IN, Recording
-from poseppl_papers.tables import Table, write_netcdf
-from poseppl_papers.total_progress import TotalProgress
+from poseppl_papers.tables import Kept, Provenance, Table, read_folder, write_folder, write_netcdf
 
 
 def reproduce(
@@ -116,3 +114,52 @@ def _seen(table: Table, part: Part, recordings: Sequence[Recording]) -> str:
     if "recording" in table.columns:
         names = list(dict.fromkeys(table.column("recording")))
     return part.seen or ", ".join(described.get(name, name) for name in names)
+
+
+class TotalProgress:
+    """Adds up tasks that are run one after the other.
+
+    Costs compare the jobs of one task alone. A job counts as its cost over the mean of its task's; so the time left is that of
+    jobs which take as long as those before, whatever their task.
+
+    Args:
+        progress: Callback for the progress of all of them.
+        tasks: The tasks; those that share a job have it once.
+        folder: Folder of the results.
+    """
+
+    def __init__(self, progress: JobProgress, tasks: Sequence[Task], folder: Path) -> None:
+        self._progress = progress
+        jobs = {job.key for task in tasks for job in task.jobs}
+        missing: dict[str, float] = {}
+        for task in tasks:
+            for job in waiting(task.function, task.jobs, folder):
+                missing.setdefault(job.key, job.cost / mean_cost(task))
+        progress.started(len(jobs), len(jobs) - len(missing), sum(missing.values()))
+
+    def of_task(self, task: Task) -> JobProgress:
+        """Callback for one of them."""
+        return _Share(self._progress, mean_cost(task))
+
+
+class _Share:
+    """Passes on the progress of one task."""
+
+    def __init__(self, progress: JobProgress, unit: float) -> None:
+        self._progress, self._unit = progress, unit
+
+    def started(self, total: int, done: int, cost: float) -> None:
+        """Do nothing: all tasks were reported together."""
+
+    def finished(self, cost: float) -> None:
+        """One more job is done or has failed."""
+        self._progress.finished(cost / self._unit)
+
+    def note(self, message: str) -> None:
+        """Something that the user should know."""
+        self._progress.note(message)
+
+
+def mean_cost(task: Task) -> float:
+    """Mean cost of a task's jobs; 1 where there are none."""
+    return sum(job.cost for job in task.jobs) / len(task.jobs) if task.jobs else 1.0

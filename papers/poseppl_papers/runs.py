@@ -1,10 +1,12 @@
-"""Arrays of runs: those of a job, and of jobs that share a filter's runs."""
+"""Common parts of jobs: arrays of runs, of one job or of several that share a filter's runs; timing of compiled functions."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from poseppl.arrays import Floats
@@ -25,3 +27,17 @@ def joined(jobs: Sequence[Any], results: Results) -> dict[str, Floats]:
     """Results of jobs, their runs one after the other, in double precision."""
     blocks = [results[job.key] for job in jobs]
     return {name: np.concatenate([np.asarray(block[name], float) for block in blocks]) for name in blocks[0]}
+
+
+def timed(function: Any, *arguments: Any) -> tuple[Any, float]:
+    """Call a function: its result, on the host, and the seconds until it was there."""
+    result, seconds = finished(function, *arguments)
+    return jax.device_get(result), seconds
+
+
+def finished(function: Any, *arguments: Any) -> tuple[Any, float]:
+    """Call a function: its result, where it is, and the seconds until it was there."""
+    ready: Any = jax.block_until_ready
+    began = time.perf_counter()
+    result = ready(function(*arguments))
+    return result, time.perf_counter() - began

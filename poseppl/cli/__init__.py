@@ -16,19 +16,17 @@ from pathlib import Path
 import click
 
 from poseppl import small_loops
-from poseppl.cli.batch import batch as batch_command
-from poseppl.cli.batch_keypoints import keypoints as trials_command
+from poseppl.cli.batch import batch as batch_command, keypoints as trials_command
 from poseppl.cli.calibrate_detector import calibrate_detector as calibrate_detector_command
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.demo import demo as demo_command
 from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.export import export as export_command
 from poseppl.cli.fit import fit as fit_command
-from poseppl.cli.gait import fit_gait as fit_gait_command
-from poseppl.cli.gait_report import gait as gait_command
+from poseppl.cli.gait import fit_gait as fit_gait_command, gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
+from poseppl.cli.options import as_options
 from poseppl.cli.overlay import overlay as overlay_command
-from poseppl.cli.remedies import as_options
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.run import run as run_command

@@ -14,11 +14,11 @@ import numpy as np
 
 from poseppl.cli.console import ConsoleProgress, start_jax
 from poseppl.cli.model_runs import described, filtered, smoothed
+from poseppl.cli.options import as_options
 from poseppl.cli.outputs import write_outputs
-from poseppl.cli.remedies import as_options
 from poseppl.errors import PosepplError
 from poseppl.files.atomic_writing import write_atomically, write_rows
-from poseppl.files.npz_reading import SUFFIX, read_part
+from poseppl.files.numpy_arrays import SUFFIX, read_part
 from poseppl.jobs import Inline, Job, JobError, Processes, run_jobs
 
 _COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")

@@ -62,8 +62,8 @@ def calibrate_detector(name: str, **options: Any) -> None:
     coverage of 50 and 90 % intervals in each half of the recording. It compares the errors measured in the other half with the
     noise that poseppl track would use without this file. Use the file with poseppl track keypoints --noise NAME.json.
     """
+    from poseppl.cli.checks import check_writable, files_read
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
-    from poseppl.cli.files import check_writable, files_read
 
     settings = made(KeypointSettings, options | {"files": words_of_files(options["files"])})
     check_inputs()

@@ -54,7 +54,7 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     dominate. Further columns are ESS per second and per evaluation, the mean joint error, and the coverage of 90 % intervals of
     the coordinates.
     """
-    from poseppl.cli.files import check_writable, contents_of
+    from poseppl.cli.checks import check_writable, contents_of
     from poseppl.files.atomic_writing import atomic_path
 
     runs = _Results(_named(results))

@@ -22,7 +22,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from poseppl.cli.remedies import as_option, as_options
+from poseppl.cli.options import as_option, as_options
 from poseppl.errors import MAX_SHOWN, cut
 from poseppl.files.cache_folder import cache_folder, xla_folder
 from poseppl.threads import spare_threads

@@ -91,8 +91,8 @@ def export(
     RESULT is a file that poseppl track or smooth wrote. The page "OpenSim and other programs" of the documentation
     (docs/opensim.md) explains the angles and which of them are OpenSim's.
     """
+    from poseppl.cli.checks import check_writable, contents_of, output_folder
     from poseppl.cli.console import ConsoleProgress, start_jax
-    from poseppl.cli.files import check_writable, contents_of, output_folder
 
     check_inputs()
     target = output_folder(output, result) / Path(result).name

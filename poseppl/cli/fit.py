@@ -75,8 +75,8 @@ class _Fit(CommandWithSettings):
 @common_options
 def fit(model: str, data: str, **options: Any) -> None:
     """Estimate the parameters of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], from a table."""
+    from poseppl.cli.checks import check_writable, output_path
     from poseppl.cli.console import ConsoleProgress, print_finding, print_table, start_jax
-    from poseppl.cli.files import check_writable, output_path
 
     check_code(model.partition(":")[0], "MODEL")
     check_algorithm("method", options["method"], options["settings"])

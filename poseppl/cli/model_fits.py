@@ -13,10 +13,10 @@ import xarray as xr
 
 from poseppl.checks import RangeError
 from poseppl.cli.checks import rows_of_text
-from poseppl.cli.remedies import as_option
-from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of
+from poseppl.cli.model_runs import compile_programs, load_programs, read_series, series_of
+from poseppl.cli.options import as_option
 from poseppl.errors import Argument, InputError, SettingError, UnsuitableModelError, brief
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 from poseppl.filters.base import Filter
 from poseppl.filters.suitability import takes
 from poseppl.fitting.fit import OWN_FILTER, fit

@@ -65,8 +65,8 @@ def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
     Each FILE is a recording of the activity as poseppl track takes it. Recordings with one skeleton are of one person, whose
     mean pose is subtracted; a recording without a skeleton is of a person of its own.
     """
+    from poseppl.cli.checks import check_writable
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
-    from poseppl.cli.files import check_writable
 
     check_inputs()
     target = Path(name if name.endswith(".nc") else f"{name}.nc")

@@ -1,4 +1,10 @@
-"""Options that several commands share."""
+"""Options that several commands share, and arguments that findings and errors name as options.
+
+>>> as_option(Argument("walk", "learned")), as_option(Argument("num_chains", 50, setting=True))
+('--walk learned', '--set num_chains=50')
+>>> as_option(Argument("sigma_angle")), as_option(Argument("files"))
+('--set sigma_angle', 'FILES')
+"""
 
 from __future__ import annotations
 
@@ -9,7 +15,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import click
 
 from poseppl.cli.checks import BUILDER, InputFile, file_of_pair, number
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.errors import Argument, cut, worded
+from poseppl.files.csv_fields import decimal_number
 from poseppl.motion.settings import Kind, ReadFrom, Reads, Settings, Within, kinds_of
 from poseppl.runs.settings import texts_of
 
@@ -202,3 +209,24 @@ common_options = option_group(
     click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still printed."),
 )
 """How much is said."""
+
+
+BY_SET = ("sigma_position", "sigma_angle", "markers", "other_motion", "history_mib", "on_failure", "devices", "export")
+"""Settings of a track that `--set` gives, as it gives those of the algorithm."""
+POSITIONAL = ("files", "videos", "recording", "observations")
+"""Arguments of commands that are no options."""
+
+
+def as_option(argument: Argument) -> str:
+    """An argument and its value as an option."""
+    name, value = argument.name, argument.value
+    if name in POSITIONAL:
+        return name.upper()
+    if argument.setting or name in BY_SET:
+        return f"--set {name}" + ("" if value is None else f"={cut(value)}")
+    return f"--{name.replace('_', '-')}" + ("" if value in (None, True) else f" {cut(value)}")
+
+
+def as_options(message: object) -> str:
+    """A message, or an error, that names options."""
+    return worded(message, as_option)

@@ -37,8 +37,8 @@ def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: boo
     RESULT is a file that poseppl track or smooth wrote. VIDEO is a file named as its camera, or CAMERA=FILE; frame 0 of the
     result is its first picture, also where a camera's clock was found to differ. Needs pip install 'poseppl[vision]'.
     """
+    from poseppl.cli.checks import check_writable, contents_of, output_folder
     from poseppl.cli.console import ConsoleProgress
-    from poseppl.cli.files import check_writable, contents_of, output_folder
 
     check_inputs()
     folder = output_folder(output, result)

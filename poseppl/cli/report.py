@@ -35,7 +35,7 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     also shows poses with their uncertainty, joints over time, errors by camera, and joints of low confidence with frames
     and reasons.
     """
-    from poseppl.cli.files import check_writable, contents_of
+    from poseppl.cli.checks import check_writable, contents_of
 
     check_inputs()
     target = Path(result).with_suffix(".html") if output is None else Path(output)
@@ -43,7 +43,7 @@ def report(result: str, output: str | None, quiet: bool) -> None:
         raise InputError("not a name for the report", file=target, field="--output", expected="NAME.html")
     check_writable([target], [result])
 
-    from poseppl.cli.remedies import as_option
+    from poseppl.cli.options import as_option
     from poseppl.report import write_report
     from poseppl.runs.results import load_result
 

@@ -72,8 +72,8 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     """
     from poseppl_papers.recordings import BUILT_IN
 
+    from poseppl.cli.checks import check_new_folder
     from poseppl.cli.console import ConsoleProgress, start_jax
-    from poseppl.cli.files import check_new_folder
 
     if paper is None:
         _list_papers()

@@ -13,7 +13,7 @@ from poseppl.cli.checks import RATE, Checked, InputFile, check_code, check_input
 from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, check_algorithm, settings_option
 from poseppl.errors import InputError, brief
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 
 EXAMPLES = """
 \b
@@ -186,8 +186,8 @@ def check_model(model: str, options: dict[str, Any]) -> None:
 @common_options
 def run(model: str, data: str, **options: Any) -> None:
     """Run a filter of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], on a table of data."""
+    from poseppl.cli.checks import check_writable, output_path
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
-    from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.outputs import write_outputs
 
     check_model(model, options)

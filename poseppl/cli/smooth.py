@@ -73,8 +73,8 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     their ancestors: if RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
     poseppl track --smooth METHOD. The page "Which filter, which smoother?" of the documentation compares smoothers.
     """
+    from poseppl.cli.checks import check_writable, contents_of, output_path
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
-    from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import summary, write_outputs
 
     check_algorithm("smoother", method, settings)

@@ -9,8 +9,7 @@ from typing import Any
 import click
 
 from poseppl.cli.checks import InputFile, check_inputs, check_recording, file_of_pair, words_of_files
-from poseppl.cli.options import Grouped, common_options, made, option_group, options_of, text_of
-from poseppl.cli.remedies import BY_SET
+from poseppl.cli.options import BY_SET, Grouped, common_options, made, option_group, options_of, text_of
 from poseppl.cli.settings import ManyFiles, check_algorithm, settings_option
 from poseppl.cli.track_dispatch import dispatched
 from poseppl.cli.track_live import track_live

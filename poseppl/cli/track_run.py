@@ -6,10 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from poseppl.cli.checks import check_new_folder, check_writable, files_read, output_path, stem_of, tell_replaced
 from poseppl.cli.export import BY_DEFAULT, write_exports
-from poseppl.cli.files import check_new_folder, check_writable, files_read, output_path, stem_of, tell_replaced
+from poseppl.cli.options import as_options
 from poseppl.cli.overlay import overlay_paths
-from poseppl.cli.remedies import as_options
 from poseppl.errors import InputError, PosepplError
 from poseppl.files.exchange_formats import files_of
 from poseppl.files.frame_range import FrameRange

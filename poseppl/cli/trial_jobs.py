@@ -13,9 +13,9 @@ import numpy as np
 
 from poseppl.cli.batch_jobs import Notes, digest_of, failure
 from poseppl.cli.export import write_exports
+from poseppl.cli.model_runs import source_digest
+from poseppl.cli.options import as_option, as_options
 from poseppl.cli.outputs import write_outputs
-from poseppl.cli.remedies import as_option, as_options
-from poseppl.cli.user_model import source_digest
 from poseppl.diagnostics import verdicts
 from poseppl.errors import InputError, PosepplError
 from poseppl.files.atomic_writing import write_atomically, write_rows
@@ -23,11 +23,11 @@ from poseppl.jobs import Job
 from poseppl.motion import KeypointSettings, track
 from poseppl.motion.keypoints.scene import people_of_keypoints
 from poseppl.motion.keypoints.trials import Trial
-from poseppl.motion.report.trials_page import trials_html
+from poseppl.motion.report.pages import trials_html
 from poseppl.motion.settings import TrackSettings
 from poseppl.motion.tracking.estimates import clock_of
 from poseppl.motion.tracking.gait import gait_of, measure_rows
-from poseppl.motion.verdicts.image_errors import image_errors
+from poseppl.motion.verdicts.residuals import image_errors
 from poseppl.runs.contents import variable
 
 LEVEL = 0.9

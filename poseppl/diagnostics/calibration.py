@@ -20,8 +20,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.diagnostics.autocorrelation import array_stats
 from poseppl.diagnostics.batches import Interval, mean_interval, num_batches
+from poseppl.diagnostics.inefficiency import array_stats
 from poseppl.errors import InputError
 from poseppl.runs.contents import flat_draws, group_of
 

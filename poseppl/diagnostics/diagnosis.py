@@ -1,4 +1,4 @@
-"""All diagnostics of a result, as one more group of its tree.
+"""All diagnostics of a result, as one more group of its tree; and packages that add to those of their own results.
 
 For Markov chains ``tau``, its standard error ``tau_se``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, state_dim)
 and ``autocorrelation`` (lag, frame, state_dim) come from the draws in the result: where it has every k-th draw, they refer
@@ -6,22 +6,21 @@ to those. For weighted particles the stored draws are a resampled thinning and c
 effective number of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of
 particles over it. ``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are also ``inside``
 (level, frame, state_dim), ``probability_transform`` (frame, state_dim), and the coverage of central intervals with its standard
-error: ``coverage`` and ``coverage_se`` (level,) of the state. Packages add measures of their own (`extensions`).
+error: ``coverage`` and ``coverage_se`` (level,) of the state. Packages add measures of their own (:data:`EXTENSIONS`).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from importlib import import_module
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans
-from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, probability_transform
-from poseppl.diagnostics.extensions import extension_of
-from poseppl.diagnostics.inefficiency import mixing
+from poseppl.diagnostics.inefficiency import autocorrelation, mixing
 from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, nearest_turn, variable
 from poseppl.runs.results import is_weighted
 
@@ -132,3 +131,19 @@ def _inside(tree: xr.DataTree, site: str, draws: NDArray[Any], truth: NDArray[An
             truth = nearest_turn(tree, truth, (lower + upper) / 2)
         return between(lower, upper, truth)
     return inside_interval(draws, truth, level)
+
+
+EXTENSIONS = {"body": "poseppl.motion"}
+"""Packages by the group of their results; a file can choose none but these."""
+
+
+def extension_of(tree: xr.DataTree, part: Literal["measures", "verdicts", "report"]) -> Any:
+    """A module of the package for a result of this kind; None where there is none.
+
+    Args:
+        tree: The result.
+        part: The module: ``measures`` has ``measure(tree)``, more of the group ``diagnostics``; ``verdicts`` has ``CHECKS``;
+            ``report`` has ``extension(tree)`` and ``draw_track(upper, lower, tree)``.
+    """
+    names = [name for group, name in EXTENSIONS.items() if group in tree.children]
+    return import_module(f"{names[0]}.{part}") if names else None

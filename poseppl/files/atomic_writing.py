@@ -1,15 +1,19 @@
-"""Writing files so that a reader never sees half of one.
+"""Writing files so that a reader never sees half of one, and locks of files and folders between processes.
 
 A file appears under its name only when all of it is on the disk. It is written in the same folder under a temporary name,
 flushed with ``fsync``, and moved to its name by ``os.replace``, which POSIX makes atomic. An error or Ctrl-C leaves the old
 file unchanged. Leftovers of a killed writer under its temporary name are removed by the next writer of the file: writers have a
 lock, which ends with them.
+
+A lock belongs to an open descriptor (``flock``), so that a process that ends, by whatever signal, lets go of it: there is
+nothing stale to clear.
 """
 
 from __future__ import annotations
 
 import csv
 import errno
+import fcntl
 import glob
 import os
 import secrets
@@ -21,8 +25,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from poseppl.errors import FilePath, Location, PosepplError
-from poseppl.files.csv_texts import shielded
-from poseppl.files.locks import take_lock
+from poseppl.files.csv_fields import shielded
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _STRAY_SECONDS = 60.0
@@ -141,7 +144,7 @@ def write_atomically(path: FilePath, content: str | bytes) -> None:
 def write_rows(path: FilePath, rows: Iterable[Iterable[object]]) -> None:
     """Write rows as CSV, whole or not at all; errors are those of :func:`write_atomically`.
 
-    Texts that a spreadsheet would take for a formula are written as :func:`poseppl.files.csv_texts.shielded` says.
+    Texts that a spreadsheet would take for a formula are written as :func:`poseppl.files.csv_fields.shielded` says.
     """
     safe = ([shielded(cell) for cell in row] for row in rows)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8", errors="replace") as stream:
@@ -214,3 +217,25 @@ def _tell(error: OSError, path: FilePath) -> None:
         raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
         raise Location(path).error(f"cannot be written: {error.strerror}") from error
+
+
+def take_lock(path: Path) -> int:
+    """Lock a file or a folder that exists.
+
+    Args:
+        path: The file or folder.
+
+    Returns:
+        A descriptor; to close it lets go.
+
+    Raises:
+        BlockingIOError: It is locked already.
+        OSError: It cannot be opened, or its file system knows no locks.
+    """
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

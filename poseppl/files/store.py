@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, InputError, cut
 from poseppl.files.atomic_writing import atomic_path, remove_strays
-from poseppl.files.npz_reading import SUFFIX, read_part, read_parts
+from poseppl.files.numpy_arrays import SUFFIX, read_part, read_parts
 
 Arrays = dict[str, NDArray[Any]]
 Note = Callable[[str], None]

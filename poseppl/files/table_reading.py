@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, InputError, Location, brief
 from poseppl.files.bounded_reading import check_file
-from poseppl.files.csv_reading import rows_of_csv
-from poseppl.files.decimal_numbers import decimal_number
-from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.files.csv_fields import decimal_number, rows_of_csv
+from poseppl.files.netcdf import read_netcdf
 
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
 _MISSING = ("", "na", "nan", "null", "none")

@@ -11,7 +11,7 @@ from jax import Array
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, group_masses, group_modes, whitening
-from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
+from poseppl.particles.keys import normals_and_uniforms, weighted_choice
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import nan_to_neg_inf
 

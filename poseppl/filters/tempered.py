@@ -34,8 +34,8 @@ from poseppl.checks import RangeError, check_at_least, check_choice, check_fract
 from poseppl.filters.base import Filter, FilterInfo, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, ConditionalDensity, MoveSettings
-from poseppl.particles.families import clustered_ess
 from poseppl.particles.resampling import Scheme, resampling_scheme
+from poseppl.particles.weights import clustered_ess
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_prediction, log_transitions_into, propagate
@@ -103,7 +103,7 @@ def tempered_filter(
     Returns:
         The filter; its state is :class:`TemperedState`. `FilterInfo.ess` is the least ESS of the frame's temperatures, before
         resampling, or that of particles that descend from few and that moves left alike
-        (:mod:`poseppl.particles.families`), if that is less; `FilterInfo.acceptance` is the mean over temperatures.
+        (:mod:`poseppl.particles.weights`), if that is less; `FilterInfo.acceptance` is the mean over temperatures.
 
     Raises:
         ValueError: A setting out of its range.

@@ -29,7 +29,7 @@ from poseppl.arrays import Floats
 from poseppl.compilation import jit_formula
 from poseppl.diagnostics.verdicts.verdict import Remedy, Verdict
 from poseppl.errors import FilePath, InputError
-from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.files.netcdf import read_netcdf
 from poseppl.fitting.problem import Estimate, Problem
 from poseppl.program import CompiledModel
 from poseppl.program.memoized_builder import memoized_builder

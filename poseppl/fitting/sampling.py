@@ -20,7 +20,7 @@ from numpyro.infer.initialization import init_to_value
 from poseppl.arrays import Floats
 from poseppl.checks import check_at_least, check_choice
 from poseppl.compilation import jit
-from poseppl.diagnostics.autocorrelation import array_stats
+from poseppl.diagnostics.inefficiency import array_stats
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Remedy, Verdict
 from poseppl.errors import Argument, InputError
 from poseppl.fitting.problem import Estimate, Problem, likelihood_error

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.gaussians.gaussian import diagonal, triangular_factors
-from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
+from poseppl.particles.keys import normals_and_uniforms, weighted_choice
 
 
 class GaussianMixture(NamedTuple):

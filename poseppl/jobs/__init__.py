@@ -15,9 +15,6 @@ A second call computes what is missing and reads the rest.
 
 from __future__ import annotations
 
-from poseppl.jobs.cluster import Cluster as Cluster
-from poseppl.jobs.executor import Executor as Executor, Inline as Inline, Outcome as Outcome
-from poseppl.jobs.job import Job as Job
-from poseppl.jobs.processes import Processes as Processes
-from poseppl.jobs.progress import JobProgress as JobProgress
-from poseppl.jobs.run import JobError as JobError, run_jobs as run_jobs
+from poseppl.jobs.cluster import Cluster as Cluster, Processes as Processes
+from poseppl.jobs.job import Executor as Executor, Inline as Inline, Job as Job, Outcome as Outcome
+from poseppl.jobs.run import JobError as JobError, JobProgress as JobProgress, run_jobs as run_jobs

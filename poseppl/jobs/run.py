@@ -10,16 +10,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from typing import Any
+from typing import Any, Protocol
 
 from poseppl.errors import FilePath, InputError, PosepplError, brief
 from poseppl.files.store import Arrays, Store
-from poseppl.jobs.cluster import Cluster
-from poseppl.jobs.executor import Executor, Function, Inline, Outcome
-from poseppl.jobs.job import Job
-from poseppl.jobs.processes import Processes
-from poseppl.jobs.progress import JobProgress, Silent
-from poseppl.jobs.versions import versions
+from poseppl.jobs.cluster import Cluster, Processes
+from poseppl.jobs.job import Executor, Function, Inline, Job, Outcome, versions
 
 _FORMAT = 2
 _SHOWN = 5
@@ -153,3 +149,29 @@ def _by_key(jobs: Iterable[Job]) -> Mapping[str, Job]:
             )
         wanted[key] = job
     return wanted
+
+
+class JobProgress(Protocol):
+    """Receives the progress of jobs."""
+
+    def started(self, total: int, done: int, cost: float) -> None:
+        """There are so many jobs, so many of them done before; the others cost so much."""
+
+    def finished(self, cost: float) -> None:
+        """One more job is done or has failed; it cost so much."""
+
+    def note(self, message: str) -> None:
+        """Something that the user should know."""
+
+
+class Silent:
+    """Reports nothing."""
+
+    def started(self, total: int, done: int, cost: float) -> None:
+        """See :class:`JobProgress`."""
+
+    def finished(self, cost: float) -> None:
+        """See :class:`JobProgress`."""
+
+    def note(self, message: str) -> None:
+        """See :class:`JobProgress`."""

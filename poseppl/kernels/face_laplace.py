@@ -1,4 +1,4 @@
-r"""Laplace's approximation at modes on the face of active constraints: the side that is cut off has no mass.
+"""Laplace's approximation at modes on the face of active constraints: the side that is cut off has no mass.
 
 Let x be a mode of the cost f, with the gradient g and the curvature H = S^-1. Let t >= 0 be the distances from the active
 constraints, t = -N dx with outward normals N, and s >= 0 their multipliers, -g = N^T s. Then
@@ -10,9 +10,14 @@ factor of precision K in t. Its mass is that of the Gaussian without constraints
 
     |K|^(1/2) (2 pi)^(-a/2) integral over t >= 0 of exp(-s^T t - t^T K t / 2),
 
-for one active constraint Mills' ratio (:mod:`poseppl.kernels.truncation`); for several the product of the single ones times
+for one active constraint Mills' ratio; for several the product of the single ones times
 exp(-sum over i < j of K_ij E[t_i] E[t_j]), by Jensen's inequality a lower bound. Constraints that are near, but not active, cut
 off their own share of the Gaussian on the face, each by itself. A slope that vanishes leaves one half, from either side.
+
+The density exp(-s t - c t^2 / 2) on t >= 0 is a Gaussian cut off on the slope, in the limit c -> 0 an exponential. With z = s
+/ sqrt(c) and Mills' ratio R(z) = (1 - Phi(z)) / phi(z), its integral is R(z) / sqrt(c), its mean (1 / R(z) - z) / sqrt(c). The
+ratio is computed from the normal's tail below z = 3, and from Laplace's continued fraction z + 1 / (z + 2 / (z + 3 / ...))
+above, so that nothing cancels however steep the slope is.
 """
 
 from __future__ import annotations
@@ -26,7 +31,6 @@ from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve
 from jax.scipy.special import log_ndtr
 
-from poseppl.kernels import truncation
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.laplace import whitening
 from poseppl.kernels.trust_region import OptimizationResult, active_face
@@ -64,7 +68,7 @@ class FaceModes(NamedTuple):
 
     def moments(self) -> tuple[Array, Array]:
         """Means (S, d) and covariances (S, d, d): those of the face, moved and widened by what lies inside of it."""
-        mean, variance = truncation.moments(self.slopes, self.inner_curvatures)
+        mean, variance = moments(self.slopes, self.inner_curvatures)
         means = self.states + jnp.einsum("sdn,sn->sd", self.inward, jnp.where(self.active, mean, 0.0))
         inside = jnp.einsum("sdn,sn,sen->sde", self.inward, jnp.where(self.active, variance, 0.0), self.inward)
         return means, self.covariances + inside
@@ -87,9 +91,9 @@ def _describe(climb: OptimizationResult, constraints: Constraints) -> FaceModes:
     inward = -(crossed.T @ inner)
     face = covariance - crossed.T @ inner @ crossed
     curvatures = jnp.diagonal(inner)
-    means = jnp.where(active, truncation.moments(multipliers, curvatures)[0], 0.0)
+    means = jnp.where(active, moments(multipliers, curvatures)[0], 0.0)
     pairs = means @ (inner - jnp.diag(curvatures)) @ means
-    cut = jnp.where(active, truncation.log_integral(multipliers, curvatures) - 0.5 * jnp.log(2 * jnp.pi), 0.0)
+    cut = jnp.where(active, log_integral(multipliers, curvatures) - 0.5 * jnp.log(2 * jnp.pi), 0.0)
     mass = -climb.costs + 0.5 * (dimension * jnp.log(2 * jnp.pi) - log_det + inner_log_det - pairs) + jnp.sum(cut)
     mass = mass + _kept_by_others(x, face, active, constraints)
     steep = precision + (outward * (multipliers**2)[:, None]).T @ outward
@@ -137,3 +141,49 @@ def _inverse(matrix: Array) -> tuple[Array, Array]:
     factor = cho_factor(matrix * unit[:, None] * unit + 32 * np.finfo(matrix.dtype).eps * eye, lower=True)
     inverse = cho_solve(factor, eye) * unit[:, None] * unit
     return inverse, -2.0 * jnp.sum(jnp.log(jnp.diagonal(factor[0]))) + 2.0 * jnp.sum(jnp.log(unit))
+
+
+_FRACTION_FROM, _LEVELS, _NEWTON_STEPS = 3.0, 30, 5
+
+
+def log_integral(slope: Array, curvature: Array) -> Array:
+    """Logarithm of the integral over t >= 0; slope >= 0 and curvature > 0 of any one shape."""
+    return log_mills(slope / jnp.sqrt(curvature)) - 0.5 * jnp.log(curvature)
+
+
+def moments(slope: Array, curvature: Array) -> tuple[Array, Array]:
+    """Mean and variance."""
+    z, scale = slope / jnp.sqrt(curvature), 1.0 / jnp.sqrt(curvature)
+    far, (near, behind) = z > _FRACTION_FROM, _fraction(jnp.maximum(z, _FRACTION_FROM))
+    hazard = jnp.exp(-log_mills(jnp.minimum(z, _FRACTION_FROM)))
+    excess = jnp.where(far, near, hazard - z)
+    variance = jnp.where(far, near * (behind - near), 1.0 - hazard * (hazard - z))
+    return scale * excess, scale**2 * variance
+
+
+def draw(rng_key: Array, slope: Array, curvature: Array, num_draws: int) -> Array:
+    """Draws (N, ...), by the inverse of the distribution function: Newton's method on the logarithm of the tail."""
+    z = slope / jnp.sqrt(curvature)
+    target = jax.random.exponential(rng_key, (num_draws, *z.shape), z.dtype)
+    start = jnp.sqrt(z * z + 2.0 * target) - z
+
+    def improve(_: int, t: Array) -> Array:
+        tail = z * t + 0.5 * t * t - log_mills(z + t) + log_mills(z)
+        return jnp.maximum(t - (tail - target) * jnp.exp(log_mills(z + t)), 0.0)
+
+    draws: Array = jax.lax.fori_loop(0, _NEWTON_STEPS, improve, start) / jnp.sqrt(curvature)
+    return draws
+
+
+def log_mills(z: Array) -> Array:
+    """Logarithm of Mills' ratio (1 - Phi(z)) / phi(z)."""
+    near = jnp.minimum(z, _FRACTION_FROM)
+    direct = log_ndtr(-near) + 0.5 * near * near + 0.5 * jnp.log(2 * jnp.pi)
+    far = jnp.maximum(z, _FRACTION_FROM)
+    return jnp.where(z > _FRACTION_FROM, -jnp.log(far + _fraction(far)[0]), direct)
+
+
+def _fraction(z: Array) -> tuple[Array, Array]:
+    """1 / (z + r) and r, with r = 2 / (z + 3 / (z + ...)): what Mills' ratio adds to z, and what stands below."""
+    tail = jax.lax.fori_loop(0, _LEVELS - 1, lambda turn, tail: (_LEVELS - turn) / (z + tail), jnp.zeros_like(z))
+    return 1.0 / (z + tail), tail

@@ -23,7 +23,7 @@ from jax import Array
 from poseppl.checks import RangeError, check_at_least, check_fraction
 from poseppl.compilation import with_full_precision
 from poseppl.kernels.own_kernel import CustomKernel, Updated, update_by
-from poseppl.particles.random_numbers import normals_and_uniforms
+from poseppl.particles.keys import normals_and_uniforms
 from poseppl.particles.weights import nan_to_neg_inf
 
 LogDensity = Callable[[Array], Array]

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from poseppl.declarations import declared
 from poseppl.errors import Argument, FilePath, InputError, brief
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import decimal_number
 from poseppl.files.frame_range import FrameRange
 
 
@@ -61,7 +61,7 @@ _WORDS = "CAMERA:NAME=VALUE, such as cam2:offset=3.5 or cam3:rate=30,size=960x54
 
 
 def _check_unit(unit: str) -> None:
-    known = declared("poseppl.motion.io.length_units", "MM_PER_UNIT")
+    known = declared("poseppl.motion.io.units_and_axes", "MM_PER_UNIT")
     mm = 1.0 if unit in known else decimal_number(unit.strip())
     if mm is None or not 1e-6 <= mm <= 1e6:
         expected = f"{', '.join(known)}, or a number of mm from 0.000001 to 1000000"

@@ -1,7 +1,15 @@
-"""The charts of a result: error, coverage, mixing, evidence, predictions, autocorrelation, traces, and every coordinate."""
+"""The charts of a result: error, coverage, mixing, evidence, predictions, autocorrelation, traces, coordinates; and titles.
+
+>>> short_names("/data/pose/cam1, /data/pose/cam2")
+'cam1, cam2'
+>>> short_names("run/cam1/points.json, run/cam2/points.json")
+'cam1/points.json, cam2/points.json'
+"""
 
 from __future__ import annotations
 
+import textwrap
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -31,7 +39,7 @@ from poseppl.report.chart import (
 )
 from poseppl.report.picture import GRID, MODES, MUTED, OBSERVED, POSTERIOR, SAMPLE, TRUTH
 from poseppl.runs.contents import flat_draws, frame_numbers, group_of, names_of, variable
-from poseppl.runs.results import is_weighted
+from poseppl.runs.results import is_weighted, provenance
 
 MAX_CHAINS = 40
 BINS = 10
@@ -209,3 +217,59 @@ def _label(tree: xr.DataTree, frame: int, state_dim: int) -> str:
     tau = variable(tree, "diagnostics", "tau")
     factor = f", τ = {tau[frame, state_dim]:.1f}" if tau is not None and np.isfinite(tau[frame, state_dim]) else ""
     return f"{names_of(tree, 'state_dim')[state_dim]}, frame {frame_numbers(tree)[frame]}{factor}"
+
+
+MAX_NAMES = 4
+MAX_LETTERS = 60
+"""Length of a name; a longer one is cut in the middle, so that its ending stays."""
+
+
+def short_names(paths: str) -> str:
+    """Name files by as many of their last parts as distinguish them.
+
+    Args:
+        paths: Paths, separated by a comma and a space; other words are returned unchanged.
+
+    Returns:
+        At most four names, and how many more there are.
+    """
+    parts = [PurePath(each).parts for each in paths.split(", ")]
+    depth, longest = 1, max(map(len, parts))
+    while depth < longest and len({each[-depth:] for each in parts}) < len(set(parts)):
+        depth += 1
+    names = [_cut("/".join(each[-depth:])) for each in parts]
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return ", ".join(names[:MAX_NAMES]) + more
+
+
+def recording_of(tree: xr.DataTree) -> str:
+    """The recording by short names; empty where a result does not name it."""
+    return short_names(str(provenance(tree).get("input") or ""))
+
+
+def title_of(tree: xr.DataTree) -> str:
+    """The recording, else the model."""
+    return recording_of(tree) or _model(provenance(tree)) or "Posterior of a state-space model"
+
+
+def algorithms_of(tree: xr.DataTree) -> str:
+    """Model, filter and smoother."""
+    known = provenance(tree)
+    names = [_model(known), *(str(known.get(name) or "") for name in ("filter", "smoother"))]
+    return " · ".join(name for name in names if name)
+
+
+def wrapped(title: str, width: int) -> str:
+    """A title on at most two lines of so many letters."""
+    return "\n".join(textwrap.wrap(title, width, max_lines=2, placeholder=" …"))
+
+
+def _model(known: dict[str, Any]) -> str:
+    """The model's name, without its module or folder."""
+    module, _, name = str(known.get("model") or "").rpartition(":")
+    return name if module else short_names(name) if name else ""
+
+
+def _cut(name: str) -> str:
+    half = MAX_LETTERS // 2
+    return name if len(name) <= MAX_LETTERS else f"{name[: half - 1]}…{name[-half:]}"

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.comparison import COSTS
-from poseppl.diagnostics.evidence import evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
+from poseppl.diagnostics.replicates import evidence_words
 from poseppl.diagnostics.selection import evenly
 from poseppl.report.page import DASH, Cell, with_error
 from poseppl.report.tables import Row, flatten

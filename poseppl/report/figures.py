@@ -14,13 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 
-from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.extensions import extension_of
+from poseppl.diagnostics.diagnosis import diagnosed, extension_of
 from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.report.chart import Panel
-from poseppl.report.charts import BINS, histogram, inefficiency_panel, state_traces
+from poseppl.report.charts import BINS, algorithms_of, histogram, inefficiency_panel, recording_of, state_traces, wrapped
 from poseppl.report.picture import GRID, MUTED, TEXT, new_picture
-from poseppl.report.titles import algorithms_of, recording_of, wrapped
 from poseppl.runs.contents import names_of
 
 TITLE_LETTERS = 110

@@ -23,8 +23,7 @@ from typing import Any
 import jax
 
 from poseppl.errors import Argument, FilePath, Phrase, PosepplError, cut
-from poseppl.files.atomic_writing import remove_strays, write_atomically
-from poseppl.files.locks import take_lock
+from poseppl.files.atomic_writing import remove_strays, take_lock, write_atomically
 from poseppl.files.store import Arrays, Note, Store, key_of
 
 VERSION = 3

@@ -13,7 +13,7 @@ and the mean of Var[y | x]. The first part is the filter's uncertainty of the st
 filter (:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. For the state itself the result contains its predicted
 moments, and the share of its variance that the data can explain, by the scores of the replicates. It also contains the moments
 of the predicted states weighted by the frame's likelihood. A filter's posterior has to agree with these
-(:mod:`poseppl.diagnostics.unreached`, :mod:`poseppl.diagnostics.updates`).
+(:mod:`poseppl.diagnostics.unreached`, :mod:`poseppl.diagnostics.predictive`).
 """
 
 from __future__ import annotations

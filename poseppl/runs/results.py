@@ -52,8 +52,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.errors import Argument, FilePath, InputError, Phrase
-from poseppl.files.netcdf_reading import read_netcdf
-from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.files.netcdf import read_netcdf, write_netcdf
 from poseppl.runs.contents import FLAT, HISTORY, group_of
 from poseppl.runs.datasets import tree_of
 from poseppl.runs.filter_history import HISTORY_AXES

@@ -10,6 +10,7 @@ from poseppl.smoothers.base import (
     SmoothingInfo as SmoothingInfo,
     collect_history as collect_history,
 )
+from poseppl.smoothers.conditional_smc import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.ensemble_kalman import ensemble_kalman_smoother as ensemble_kalman_smoother
 from poseppl.smoothers.fixed_lag import (
     FixedLagState as FixedLagState,
@@ -19,7 +20,6 @@ from poseppl.smoothers.fixed_lag import (
 from poseppl.smoothers.forward_backward import forward_backward_smoother as forward_backward_smoother
 from poseppl.smoothers.genealogy import genealogy_smoother as genealogy_smoother
 from poseppl.smoothers.laplace import laplace_smoother as laplace_smoother
-from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh
 from poseppl.smoothers.published.gibbs import gibbs_smoother as gibbs_smoother
 from poseppl.smoothers.published.likelihood_mixture import MixtureSettings as MixtureSettings

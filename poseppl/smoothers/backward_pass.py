@@ -1,7 +1,10 @@
-r"""The backward pass through a filter's history, from the last frame to the first, in indices of particles.
+"""The backward pass through a filter's history, in indices of particles, and trajectories drawn from it as starts.
 
-A step draws, for the particles chosen at frame t + 1, particles of frame t. In backward simulation (Godsill, Doucet and West
-2004, doi:10.1198/016214504000000151) particle i is drawn with probability proportional to w_t^i p(x_(t+1) | x_t^i).
+A step draws, for the particles chosen at frame t + 1, particles of frame t. Backward simulation (Godsill, Doucet and West
+2004, doi:10.1198/016214504000000151) draws a particle of the last frame by its weight. At each frame before it, particle i is
+drawn with probability proportional to w_t^i p(x_(t+1) | x_t^i). This joins what belongs together, whatever filter left the
+particles, and keeps the modes that the filter had. From a frame with many particles, a few hundred are drawn first, by their
+weights: a start need not be exact.
 """
 
 from __future__ import annotations
@@ -13,10 +16,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import tree_index
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_transitions_into
+from poseppl.smoothers.base import History
 
 
 class Earlier(NamedTuple):
@@ -80,3 +85,44 @@ def log_backward(model: CompiledModel, x: Array, particles: Array, log_weights: 
     log_transition = log_transitions_into(model, x, particles, inputs)
     joint = log_weights + nan_to_neg_inf(log_transition)
     return joint, jnp.any(joint > -jnp.inf)
+
+
+_MAX = 512
+"""Particles of a frame that are looked at."""
+
+
+def initial_trajectories(model: CompiledModel, rng_key: Array, history: History, inputs: Any, num: int) -> Array:
+    """Draw trajectories (num, T, d).
+
+    Args:
+        model: The compiled model.
+        rng_key: PRNG key.
+        history: The filter's history.
+        inputs: Inputs with a leading T, or None.
+        num: How many.
+    """
+    key_thin, key_last, key_back = jax.random.split(rng_key, 3)
+    particles, log_weights = _thin(key_thin, history)
+    last = jax.random.categorical(key_last, log_weights[-1], shape=(num,))
+    numbers = jnp.arange(particles.shape[0] - 1)
+
+    def step(number: Array, chosen: Array, frame: Earlier) -> tuple[Array, None]:
+        def join(x: Array) -> Array:
+            joint, possible = log_backward(model, x, frame.particles, frame.log_weights, frame.inputs)
+            return jnp.where(possible, joint, frame.log_weights)
+
+        return jax.random.categorical(jax.random.fold_in(key_back, number), jax.vmap(join)(frame.later[chosen])), None
+
+    indices, _ = backward_pass(step, numbers, particles, log_weights, history.ancestors, inputs, last)
+    return jnp.swapaxes(jnp.take_along_axis(particles, indices[..., None], axis=1), 0, 1)
+
+
+def _thin(rng_key: Array, history: History) -> tuple[Array, Array]:
+    """At most a few hundred particles a frame, with their log-weights."""
+    num_frames, num_particles, _ = history.particles.shape
+    if num_particles <= _MAX:
+        return history.particles, history.log_weights
+    keys = jax.random.split(rng_key, num_frames)
+    kept = jax.vmap(lambda key, weights: systematic(key, weights, _MAX))(keys, history.log_weights)
+    chosen = jnp.take_along_axis(history.particles, kept[:, :, None], 1)
+    return chosen, jnp.zeros((num_frames, _MAX), history.log_weights.dtype)

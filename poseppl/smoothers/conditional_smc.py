@@ -1,4 +1,4 @@
-r"""Conditional sequential Monte Carlo: a move between trajectories that leaves their smoothing distribution invariant.
+"""Conditional sequential Monte Carlo, a move between trajectories, and particle Gibbs smoothing, the chain of its moves.
 
 Andrieu, Doucet and Holenstein 2010 (doi:10.1111/j.1467-9868.2009.00736.x), section 4.3. A bootstrap filter of N particles runs
 with one slot, the first, fixed to the reference trajectory x'. The other N - 1 draw their ancestors independently by the
@@ -13,6 +13,12 @@ the reference's early frames hardly ever change. One of two additions corrects t
 
 Both are exact for any N >= 2. Ancestors are multinomial: other schemes are biased here unless they are conditioned too (Chopin
 and Singh 2015, doi:10.3150/14-BEJ629).
+
+Each move leaves the joint smoothing distribution invariant for any number of
+particles; more particles make the chain mix faster, not more exact. It needs no gradient and no Gaussian, and takes discrete
+states. Chains start from trajectories drawn from the filter's history (:mod:`poseppl.smoothers.backward_pass`).
+
+Static parameters are learned with it by :func:`poseppl.smoothers.static_parameters.particle_gibbs`.
 """
 
 from __future__ import annotations
@@ -23,13 +29,16 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.particles.stacks import split_first
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
-from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
+from poseppl.smoothers.backward_pass import Earlier, backward_pass, initial_trajectories, log_backward
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothed_chains
 from poseppl.smoothers.genealogy import lines
 
 Method = Literal["ancestor", "backward"]
@@ -141,3 +150,57 @@ def draw_back(model: CompiledModel, rng_key: Array, sweep: Sweep, inputs: Any) -
         return _draw_past(model, key, x, particles, frame.log_weights, frame.inputs, otherwise), None
 
     return backward_pass(step, numbers, *sweep, inputs, _draw(key_last, sweep.log_weights[-1]))[0]
+
+
+@memoized_builder
+def particle_gibbs_smoother(
+    model: CompiledModel,
+    *,
+    num_particles: int = 100,
+    num_chains: int = 4,
+    num_draws: int = 250,
+    num_warmup: int = 25,
+    method: Method = "ancestor",
+) -> Smoother:
+    """Particle Gibbs: conditional particle filters with ancestor sampling or backward simulation.
+
+    Args:
+        model: The compiled model.
+        num_particles: N of each move, the reference included.
+        num_chains: M, chains side by side.
+        num_draws: R, draws of each chain that count.
+        num_warmup: Moves of each chain before them.
+        method: "ancestor" sampling or "backward" simulation.
+
+    Returns:
+        The smoother; its particles are (T, M, R, d), and the draw of one index is a whole trajectory. `acceptance` is the share
+        of the moves that changed a frame's state.
+
+    Raises:
+        ValueError: A number out of range, or an unknown method.
+    """
+    check_at_least(2, num_particles=num_particles)
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    check_at_least(0, num_warmup=num_warmup)
+    check_choice(Method, method=method)
+    num_moves = num_warmup + num_draws
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        key_start, key_moves = jax.random.split(rng_key)
+        starts = initial_trajectories(model, key_start, history, inputs, num_chains)
+
+        def move(key: Array, xs: Array) -> Array:
+            return conditional_smc(model, key, xs, observations, inputs, num_particles, method)
+
+        def advance(xs: Array, key: Array) -> tuple[Array, tuple[Array, Array]]:
+            moved = jax.vmap(move)(jax.random.split(key, num_chains), xs)
+            return moved, (moved, jnp.mean(jnp.any(moved != xs, -1), 0))
+
+        _, (draws, changed) = jax.lax.scan(advance, starts, jax.random.split(key_moves, num_moves))
+        return smoothed_chains(
+            jnp.transpose(draws[num_warmup:], (2, 1, 0, 3)),
+            acceptance=jnp.mean(changed[num_warmup:], 0),
+            num_transition=float(num_moves * num_chains * (starts.shape[1] - 1) * num_particles),
+        )
+
+    return Smoother(smooth, joint=True)

@@ -16,7 +16,7 @@ and kept are the same in all frames, nothing else of e matters, and one iteratio
 The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws solve
 for data and prior perturbed by their own noise, which is exact for the Gaussian. Standard deviations are those of the reduced
 errors, without Monte Carlo error. The curvature is taken at errors as large as they are expected to be, and parameters that do
-not change keep their prior, as in :mod:`poseppl.smoothers.cut_laplace`.
+not change keep their prior, as in :mod:`poseppl.smoothers.laplace`.
 """
 
 from __future__ import annotations

@@ -41,12 +41,11 @@ from poseppl.program.earlier_inputs import with_earlier_data
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
-from poseppl.smoothers.base import Smoothed
+from poseppl.smoothers.backward_pass import initial_trajectories
+from poseppl.smoothers.base import Smoothed, smoothed_chains
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
-from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.inner_filter import filter_history
 from poseppl.smoothers.particle_marginal import starting_points
-from poseppl.smoothers.starts import initial_trajectories
 
 _TARGET_ACCEPTANCE = 0.8
 _MAX_DOUBLINGS = 6

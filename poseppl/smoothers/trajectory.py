@@ -3,7 +3,8 @@ r"""Whole-trajectory smoothing: NUTS or hybrid Monte Carlo on the joint density 
 The target is p(x_0, ..., x_(T-1) | z), with the density of :meth:`poseppl.program.CompiledModel.log_joint`, all frames at once
 and vmapped over time. Each chain
 
-1. starts from a trajectory drawn from the filter's history (:mod:`poseppl.smoothers.starts`), so that the modes that the filter
+1. starts from a trajectory drawn from the filter's history (:mod:`poseppl.smoothers.backward_pass`), so that the modes that
+the filter
    has are represented among the chains;
 2. climbs towards the nearest mode m by damped Gauss-Newton steps over the whole trajectory, which are passes of an iterated
    Kalman smoother (:mod:`poseppl.smoothers.curvature`);
@@ -35,10 +36,9 @@ from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
+from poseppl.smoothers.backward_pass import initial_trajectories
+from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous, smoothed_chains
 from poseppl.smoothers.curvature import average_precision, find_mode, safe_cholesky
-from poseppl.smoothers.effective import smoothed_chains
-from poseppl.smoothers.starts import initial_trajectories
 
 
 @memoized_builder

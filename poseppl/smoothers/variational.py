@@ -45,9 +45,8 @@ from poseppl.gaussians.trajectory_distribution import TrajectoryNormal
 from poseppl.particles.weights import nan_to_neg_inf
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.smoothers.base import Approximation, History, Smoothed, Smoother, check_continuous
+from poseppl.smoothers.base import Approximation, History, Smoothed, Smoother, check_continuous, smoothed_draws
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precisions
-from poseppl.smoothers.effective import smoothed_draws
 from poseppl.smoothers.laplace import TrajectoryGaussian, laplace_approximation, mean_trajectory
 
 Family = Literal["markov", "mean-field"]

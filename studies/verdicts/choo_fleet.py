@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from poseppl_papers.choo_fleet.claims import claims
-from poseppl_papers.choo_fleet.goals import goals
+from poseppl_papers.choo_fleet.claims import claims, goals
 from poseppl_papers.tables import Table, markdown
 
 Tables = Mapping[str, Table]

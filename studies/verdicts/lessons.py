@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from poseppl_papers.measured import Interval, mean_interval
-from poseppl_papers.peursum.walk_tables import CIRCLES, FILTER, FURNITURE, SMOOTHERS, errors_by_person, gains
+from poseppl_papers.peursum.tables import CIRCLES, FURNITURE, SMOOTHERS, WALK_FILTER, errors_by_person, gains
 from poseppl_papers.sminchisescu_triggs.claims import seconds_longer
 from poseppl_papers.sminchisescu_triggs.survival import percent_lost
 from poseppl_papers.sminchisescu_triggs.trackers import PUBLISHED
@@ -131,7 +131,7 @@ def _clutter(tables: Tables) -> Row:
     own = _peursum(tables)
     findings = []
     for name in (_LEARNED, _PLAIN):
-        clean, full = (errors_by_person(own, name, FILTER, kind) for kind in (CIRCLES, FURNITURE))
+        clean, full = (errors_by_person(own, name, WALK_FILTER, kind) for kind in (CIRCLES, FURNITURE))
         more = mean_interval([100 * (full[person] / clean[person] - 1) for person in clean if person in full])
         findings.append(f"{name} {more.text(unit=' %')}")
     return (

@@ -14,9 +14,8 @@ from pathlib import Path
 from poseppl_papers.catalogue import EXPERIMENTS, find_experiment
 from poseppl_papers.experiment import Experiment
 from poseppl_papers.page import claims_of
-from poseppl_papers.provenance import read_folder
-from poseppl_papers.sminchisescu_triggs.modes import modes_found
-from poseppl_papers.tables import Table
+from poseppl_papers.sminchisescu_triggs.spectra import modes_found
+from poseppl_papers.tables import Table, read_folder
 
 from studies.verdicts import (
     choo_fleet,

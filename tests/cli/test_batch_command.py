@@ -12,7 +12,7 @@ from test_run_command import exact_evidence, folder as folder  # noqa: F401  a f
 from waiting import PATIENCE, wait_until
 
 from poseppl.cli import main
-from poseppl.cli.user_model import source_digest
+from poseppl.cli.model_runs import source_digest
 from poseppl.runs.results import load_result
 
 

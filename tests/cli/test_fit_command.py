@@ -13,7 +13,7 @@ import xarray as xr
 import poseppl
 from poseppl.cli import main
 from poseppl.cli.model_fits import described, rows_of, worded_findings
-from poseppl.cli.user_model import load_programs
+from poseppl.cli.model_runs import load_programs
 from poseppl.diagnostics.verdicts.verdict import WARNING, Remedy, Verdict
 from poseppl.fitting import FitMethod
 from poseppl.fitting.problem import Estimate, Problem

@@ -11,7 +11,7 @@ from drawn_bodies import drawn_result
 from poseppl_models.bodies.gait import walk
 
 from poseppl.cli import main
-from poseppl.motion.report.gait_page import ShownCycle, ShownMeasure, gait_html
+from poseppl.motion.report.pages import ShownCycle, ShownMeasure, gait_html
 from poseppl.runs.results import save_result
 
 ENDS = ("", "_events", "_cycles")

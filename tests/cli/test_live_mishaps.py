@@ -16,7 +16,7 @@ from balancing_options import words
 from test_track_live import lines
 
 from poseppl.cli import main
-from poseppl.cli.live_table import LiveTable
+from poseppl.cli.track_live import LiveTable
 from poseppl.motion.keypoints.live import LiveTrack
 from poseppl.runs.results import load_result
 

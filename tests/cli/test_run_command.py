@@ -13,8 +13,7 @@ from poseppl_models.toys.finite_hmm import finite_hmm
 
 import poseppl
 from poseppl.cli import main
-from poseppl.cli.model_runs import described
-from poseppl.cli.user_model import read_series
+from poseppl.cli.model_runs import described, read_series
 from poseppl.errors import InputError
 from poseppl.files.table_reading import read_table
 from poseppl.filters import hidden_markov_filter

@@ -15,7 +15,7 @@ from balancing_options import words
 from waiting import PATIENCE
 
 from poseppl.cli import main
-from poseppl.cli.files import stem_of
+from poseppl.cli.checks import stem_of
 from poseppl.cli.track_run import Wanted, goes_straight, planned
 from poseppl.motion import track
 from poseppl.motion.io import CameraRecord, open_video, write_cameras

@@ -17,7 +17,7 @@ from balancing_options import words
 from waiting import PATIENCE
 
 from poseppl.cli import main
-from poseppl.cli.live_table import LiveTable
+from poseppl.cli.track_live import LiveTable
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.keypoints.live import LiveEstimate
 from poseppl.runs.results import load_result

@@ -13,9 +13,8 @@ import pytest
 
 import poseppl
 from poseppl.cli import main
-from poseppl.cli.files import files_read
-from poseppl.cli.options import text_of
-from poseppl.cli.remedies import BY_SET, POSITIONAL, as_options
+from poseppl.cli.checks import files_read
+from poseppl.cli.options import BY_SET, POSITIONAL, as_options, text_of
 from poseppl.cli.track import OF_TRACK, by_set, track
 from poseppl.cli.track_dispatch import dispatched, source_of_file
 from poseppl.errors import InputError
@@ -175,7 +174,9 @@ def test_errors_and_notes_name_options_on_the_command_line_alone(
     capsys: pytest.CaptureFixture[str], here: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(settings: Any) -> None:
-        raise InputError("nobody", field=poseppl.errors.Argument("files"), expected=poseppl.motion.io.length_units.UNKNOWN_UNIT)
+        raise InputError(
+            "nobody", field=poseppl.errors.Argument("files"), expected=poseppl.motion.io.units_and_axes.UNKNOWN_UNIT
+        )
 
     monkeypatch.setattr("poseppl.motion.sources.scene_of_keypoints", refused)
     Path("pose").mkdir()

@@ -14,7 +14,7 @@ from poseppl_models.toys.growth import growth
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.diagnostics import compare
-from poseppl.diagnostics.evidence import evidence_of_run, evidence_words
+from poseppl.diagnostics.replicates import evidence_of_run, evidence_words
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.filters import particle_filter
 from poseppl.runs.algorithms import FILTERS

@@ -10,7 +10,7 @@ from test_unreached import FAINT, NOWHERE, filtered
 
 from poseppl import infer
 from poseppl.diagnostics import verdicts
-from poseppl.diagnostics.few_points import finite_sample_inflation
+from poseppl.diagnostics.unreached import finite_sample_inflation
 from poseppl.filters import hmc_filter
 from poseppl.kernels import HMCSettings
 from poseppl.runs.predictive import StatePrediction, predictive_checks

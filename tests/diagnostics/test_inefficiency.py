@@ -7,7 +7,7 @@ from arviz_stats.base import array_stats
 from synthetic import autoregression
 
 from poseppl.diagnostics import autocorrelation, inefficiency, inside_interval, mixing, split_rhat, windowed_inefficiency
-from poseppl.diagnostics.autocorrelation import autocovariance
+from poseppl.diagnostics.inefficiency import autocovariance
 
 SHAPES = [(1, 4), (1, 5), (4, 4), (3, 5), (4, 6), (4, 7), (2, 8), (2, 9), (10, 26), (4, 27), (3, 101), (1, 50)]
 

@@ -10,9 +10,9 @@ from synthetic import synthetic_result
 
 from poseppl.cli import main
 from poseppl.cli.console import print_verdict
-from poseppl.cli.remedies import as_option
+from poseppl.cli.options import as_option
 from poseppl.diagnostics import Remedy, Verdict, diagnose, verdicts
-from poseppl.diagnostics.extensions import EXTENSIONS
+from poseppl.diagnostics.diagnosis import EXTENSIONS
 from poseppl.diagnostics.verdicts import CHECKS, checks_of
 from poseppl.motion.verdicts import CHECKS as OF_BODIES
 from poseppl.report import report_html

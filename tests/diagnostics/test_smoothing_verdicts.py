@@ -15,7 +15,7 @@ from synthetic import synthetic_result
 from poseppl import infer, smooth
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.smoothing import smoothing_figures
-from poseppl.diagnostics.verdicts.smoothing import smoothing
+from poseppl.diagnostics.verdicts.consistency import smoothing
 from poseppl.errors import InputError
 from poseppl.filters import kalman_filter
 from poseppl.runs.contents import FLAT

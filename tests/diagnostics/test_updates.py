@@ -11,7 +11,7 @@ from scipy.stats import norm
 from synthetic import checks_of_state
 
 from poseppl.diagnostics import check_intervals, check_updates, update_coverage, update_figures, verdicts
-from poseppl.diagnostics.updates import MIN_DRAWS, _excess
+from poseppl.diagnostics.predictive import MIN_DRAWS, _excess
 from poseppl.runs.predictive import StatePrediction, _weighted
 from poseppl.runs.results import Names, build_result
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from verdict_trees import drawn_tree, kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
 
-from poseppl.motion.verdicts import residuals, silhouettes, steps
-from poseppl.motion.verdicts.image_errors import MIN_SHARE, image_errors
+from poseppl.motion.verdicts import agreement, residuals, steps
+from poseppl.motion.verdicts.residuals import MIN_SHARE, image_errors
 from poseppl.motion.verdicts.steps import steps_of
 
 
@@ -180,7 +180,7 @@ def test_smoothed_steps_may_be_small_and_results_may_not_tell_the_walk():
 @pytest.mark.parametrize("factor", [0.98, 1.02])
 def test_overlap_by_camera(factor):
     share = np.random.default_rng(0).uniform(0.8, 0.9, (12, 2))
-    for bound, severity in ((silhouettes.OVERLAP_LOW, "warning"), (silhouettes.OVERLAP_ERROR, "error")):
+    for bound, severity in ((agreement.OVERLAP_LOW, "warning"), (agreement.OVERLAP_ERROR, "error")):
         share[:, 1] = factor * bound
         found = texts(silhouettes_tree(share))
         named = f"{severity}: Body and silhouettes overlap too little (side {factor * bound:.2f};"
@@ -191,7 +191,7 @@ def test_overlap_by_camera(factor):
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_overlap_by_frame(factor):
     share = np.random.default_rng(0).uniform(0.8, 0.9, (12, 2))
-    share[4], share[6] = factor * silhouettes.OVERLAP_FRAME, np.nan
+    share[4], share[6] = factor * agreement.OVERLAP_FRAME, np.nan
     found = texts(silhouettes_tree(share))
     assert ("warning: Body and silhouettes overlap too little" in found) == (factor < 1)
     assert ("below 0.4 in frame 11)" in found) == (factor < 1)
@@ -200,14 +200,14 @@ def test_overlap_by_frame(factor):
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_silhouettes_that_leap_or_swell(factor):
     centre, area = np.full((12, 2, 2), 300.0), np.full((12, 2), 40_000.0)
-    centre[8:, 1, 0] += factor * silhouettes.JUMP * 200.0
+    centre[8:, 1, 0] += factor * agreement.JUMP * 200.0
     assert ("jump or change size suddenly in side (frame 15)" in texts(silhouettes_tree(area=area, centre=centre))) == (
         factor > 1
     )
     slow = texts(silhouettes_tree(area=area, centre=centre, rate=10.0))
     assert "leap" not in slow  # in a tenth of a second somebody can run as far
     still = np.full((12, 2, 2), 300.0)
-    area[3:, 0] *= silhouettes.SWELLING**factor
+    area[3:, 0] *= agreement.SWELLING**factor
     assert ("jump or change size suddenly in front (frame 10)" in texts(silhouettes_tree(area=area, centre=still))) == (
         factor > 1
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.cli.remedies import as_option
+from poseppl.cli.options import as_option
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 from poseppl_papers.page import PAGE, claims_of, page_of
-from poseppl_papers.provenance import read_folder
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Table, read_folder
 
 from studies.verdicts import sampling
 from studies.verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of

@@ -22,14 +22,14 @@ import numpy as np
 
 from poseppl.errors import InputError, Location
 from poseppl.files.bounded_reading import read_json, read_toml, read_xml
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.files.hdf5_reading import array, open_hdf5
 from poseppl.files.store import Store
-from poseppl.motion.io.caliscope import read_caliscope_points
-from poseppl.motion.io.cameras_opencap import read_opencap_camera
-from poseppl.motion.io.deeplabcut_h5 import read_deeplabcut_h5
+from poseppl.motion.io.cameras import read_opencap_camera
+from poseppl.motion.io.cameras_yaml import read_opencv_yaml
+from poseppl.motion.io.deeplabcut import read_deeplabcut_h5
+from poseppl.motion.io.detector_tables import read_caliscope_points
 from poseppl.motion.io.opencv import read_image
-from poseppl.motion.io.opencv_yaml import read_opencv_yaml
 
 RECORD = {"version": 1}
 _DOUBLED = b")" + b"2\x86" * 60

@@ -14,7 +14,7 @@ from waiting import PATIENCE
 
 from poseppl.errors import InputError
 from poseppl.files.bounded_reading import MAX_KEY_PARTS, read_toml, read_xml
-from poseppl.files.npz_reading import read_parts
+from poseppl.files.numpy_arrays import read_parts
 from poseppl.files.table_reading import read_table
 
 MAX_SECONDS, MAX_MIB = 1.0, 200.0

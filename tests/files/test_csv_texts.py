@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseppl.cli.live_table import LiveTable
+from poseppl.cli.track_live import LiveTable
 from poseppl.files.atomic_writing import write_rows
-from poseppl.files.csv_reading import rows_of_csv
-from poseppl.files.csv_texts import shielded, unshielded
+from poseppl.files.csv_fields import rows_of_csv, shielded, unshielded
 from poseppl.motion.io.observations import Observations, read_observations, write_observations
 
 FORMULAS = ['=HYPERLINK("http://x/")', "+1+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "'=1", "''@", "\uff1d1"]

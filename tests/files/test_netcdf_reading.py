@@ -13,7 +13,7 @@ from synthetic import synthetic_result
 
 from poseppl.cli import main
 from poseppl.errors import InputError, PosepplError
-from poseppl.files.netcdf_reading import MAX_GROUPS, check_netcdf
+from poseppl.files.netcdf import MAX_GROUPS, check_netcdf
 from poseppl.runs.results import load_result, save_result
 
 Change = Callable[[h5py.File, Path], None]

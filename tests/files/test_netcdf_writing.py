@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.files.netcdf import write_netcdf
 
 pytestmark = pytest.mark.full
 

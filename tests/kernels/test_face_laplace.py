@@ -10,7 +10,7 @@ import scipy.integrate
 import scipy.stats
 from precision import DTYPES, precision
 
-from poseppl.kernels import truncation
+from poseppl.kernels import face_laplace
 from poseppl.kernels.constraints import constraints
 from poseppl.kernels.face_laplace import face_modes
 from poseppl.kernels.mode_search import search_modes
@@ -40,8 +40,8 @@ def test_a_cut_gaussian_is_integrated_however_steep(dtype):
     rtol = 2e-5 if dtype is np.float32 else 1e-7
     with precision(dtype):
         slopes, curvatures = (jnp.asarray(values, dtype) for values in zip(*CUTS, strict=True))
-        integrals = np.asarray(truncation.log_integral(slopes, curvatures), float)
-        means, variances = (np.asarray(part, float) for part in truncation.moments(slopes, curvatures))
+        integrals = np.asarray(face_laplace.log_integral(slopes, curvatures), float)
+        means, variances = (np.asarray(part, float) for part in face_laplace.moments(slopes, curvatures))
     for index, (slope, curvature) in enumerate(CUTS):
         mass, mean, variance = exact_moments(slope, curvature)
         assert integrals[index] == pytest.approx(np.log(mass), rel=rtol, abs=rtol)
@@ -52,7 +52,7 @@ def test_a_cut_gaussian_is_integrated_however_steep(dtype):
 @pytest.mark.full
 def test_draws_of_a_cut_gaussian():
     slopes, curvatures = (jnp.asarray(values) for values in zip(*CUTS, strict=True))
-    draws = np.asarray(jax.jit(lambda key: truncation.draw(key, slopes, curvatures, 20_000))(jax.random.key(0)), float)
+    draws = np.asarray(jax.jit(lambda key: face_laplace.draw(key, slopes, curvatures, 20_000))(jax.random.key(0)), float)
     for index, (slope, curvature) in enumerate(CUTS):
         location, scale = -slope / curvature, 1 / np.sqrt(curvature)
         # the tail of the normal, or of its limit where even float64 has none

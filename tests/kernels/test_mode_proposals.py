@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.kernels.mode_proposals import covariance_scaled, dynamic_noise, principal_axes
+from poseppl.kernels.mode_search import covariance_scaled, dynamic_noise, principal_axes
 
 UNITS = np.array([1.0, 100.0, 0.01, 1.0])
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]

@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.bodies.anthropometry import segment_lengths
-from poseppl_models.bodies.body_fit import MARGIN, fitted_states, fitted_stature, measured_lengths
-from poseppl_models.bodies.cone_body import with_crown
-from poseppl_models.darby.cone_body import darby_body
-from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.bodies.cone_body import MARGIN, fitted_states, fitted_stature, measured_lengths, with_crown
+from poseppl_models.darby.body import darby_body
+from poseppl_models.du_guan.likelihood import du_guan_body
 
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions

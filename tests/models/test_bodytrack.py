@@ -15,8 +15,8 @@ from poseppl_models.bodytrack.likelihood import benchmark_score, bodytrack, limb
 from poseppl.errors import InputError
 from poseppl.filters import annealed_filter, tempered_filter
 from poseppl.kernels.moves import RANDOM_WALK_MOVES
+from poseppl.motion.geometry.coverage import outline_corners
 from poseppl.motion.geometry.flesh import parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import Observation
 
 NOTHING = Observation({}, {})

@@ -11,7 +11,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.peursum.factored_motion import factored_motion, first_frame, next_frame, pose_of_bins, turned
+from poseppl_models.peursum.factored_system import factored_motion, first_frame, next_frame, pose_of_bins, turned
 
 from poseppl.filters import hidden_markov_filter, particle_filter
 from poseppl.motion.learned import FactoredTables, bin_angles

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from image_scenes import HEIGHT, STRIDE, WIDTH, cameras, masks, true_pose
-from poseppl_models.du_guan.body import du_guan_body
-from poseppl_models.images.feature_evidence import colours_at, du_guan_of_features, two_way_of_features
+from poseppl_models.du_guan.likelihood import du_guan_body
+from poseppl_models.images.evidence import colours_at, du_guan_of_features, two_way_of_features
 from poseppl_models.images.silhouette_bits import unpack_bits
 
 from poseppl.motion.vision import BackgroundSettings, FeatureSettings, background_from_plate, extract

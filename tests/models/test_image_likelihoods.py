@@ -11,15 +11,15 @@ import pytest
 from image_scenes import HEIGHT, STRIDE, WIDTH, cameras, edges, masks, outlines, true_pose
 from oracles.plain_outlines import distance_to_sides, inside_samples, nearest_mean, side_samples
 from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.darby import likelihood as darby_likelihood
-from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.darby import body as darby_likelihood
+from poseppl_models.darby.body import darby_body
 from poseppl_models.du_guan import evidence as du_guan_evidence
-from poseppl_models.du_guan.body import du_guan_body
+from poseppl_models.du_guan.likelihood import du_guan_body
+from poseppl_models.images.evidence import two_way_evidence
 from poseppl_models.images.image_program import ImageInputs, camera_likelihood, image_program
 from poseppl_models.images.silhouette_bits import pack_mask
-from poseppl_models.images.two_way_evidence import two_way_evidence
-from poseppl_models.peursum import likelihood as peursum_likelihood
-from poseppl_models.peursum.cone_body import peursum_body
+from poseppl_models.peursum import body as peursum_likelihood
+from poseppl_models.peursum.body import peursum_body
 from precision import precision
 from scipy.ndimage import gaussian_filter
 

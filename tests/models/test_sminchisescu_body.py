@@ -8,10 +8,9 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.bodies.humanoid import INTERNAL, anthropometric_prior, humanoid_sizes
-from poseppl_models.bodies.joint_limits import smooth_limits
-from poseppl_models.bodies.limited_normal import LimitedNormal, _JointLimits
-from poseppl_models.bodies.limited_walk import limited_walk
+from poseppl_models.bodies.anthropometry import INTERNAL, anthropometric_prior, humanoid_sizes
+from poseppl_models.bodies.joint_angles import smooth_limits
+from poseppl_models.bodies.limited_walk import LimitedNormal, _JointLimits, limited_walk
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
 from poseppl_models.sminchisescu_triggs.marker_body import arm, full_body, measure, measure_arm, stiff_shoulders
 from precision import precision

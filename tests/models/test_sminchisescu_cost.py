@@ -11,8 +11,8 @@ import numpyro.distributions as dist
 import pytest
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
 from poseppl_models.sminchisescu_triggs.cost import ENTRIES, NODES, CostSettings, curvature_roots, residuals_of
-from poseppl_models.sminchisescu_triggs.image import at_levels, cost_noise, image_programs, seen_in_images
 from poseppl_models.sminchisescu_triggs.likelihood import ContourAndFlow
+from poseppl_models.sminchisescu_triggs.programs import at_levels, cost_noise, image_programs, seen_in_images
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, part_axes, superquadrics_of
 from precision import precision
 from scipy.ndimage import gaussian_filter

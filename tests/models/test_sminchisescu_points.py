@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
-from poseppl_models.sminchisescu_triggs.points import STRENGTH, point_inputs, point_programs
+from poseppl_models.sminchisescu_triggs.programs import STRENGTH, point_inputs, point_programs
 
 from poseppl.motion.geometry import look_at, marker_positions, project
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
-from poseppl_models.sminchisescu_triggs.image import cost_noise, seen_in_images
+from poseppl_models.sminchisescu_triggs.programs import cost_noise, seen_in_images
 from poseppl_models.sminchisescu_triggs.sizes import SIZES, SizeInputs, size_programs
 from poseppl_models.sminchisescu_triggs.superquadric_outlines import outlines_of, superquadric_distances
 from poseppl_papers.sminchisescu_triggs.one_picture import NOISE, in_millimetres, pointed_at, size_estimator

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 from poseppl_papers.bodytrack import EXPERIMENT
-from poseppl_papers.bodytrack.claims import CROSSED, PLAIN, claims
-from poseppl_papers.bodytrack.experiment import method_of
+from poseppl_papers.bodytrack.experiment import CROSSED, PLAIN, claims, method_of
 from poseppl_papers.experiment import on_one_recording
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.tables import Table

@@ -6,15 +6,13 @@ import math
 from pathlib import Path
 
 import pytest
-from poseppl_papers.du_guan.claims import claims
+from poseppl_papers.du_guan.claims import claims, scales, sequences
 from poseppl_papers.du_guan.mueller import DEMC, DYNAMICS, EXACT
 from poseppl_papers.du_guan.plan import CHOSEN, CUES, FULL, plan_noise, plan_scales, plan_sequences
-from poseppl_papers.du_guan.tables import scales, sequences
 from poseppl_papers.images.tables import COLUMNS, filter_rows
 from poseppl_papers.images.tracking import HOLDING
-from poseppl_papers.provenance import read_folder
 from poseppl_papers.recordings import Recording
-from poseppl_papers.tables import Table, grouped
+from poseppl_papers.tables import Table, grouped, read_folder
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 RECORDINGS = [Recording(name, f"/there/{name}.amc", "/there/02.asf", name) for name in ("walk", "jump", "run")]

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_papers.peursum.factored_draws import Draw, gibbs
 from poseppl_papers.peursum.factored_evidence import (
     ROOT,
     Mixtures,
@@ -16,7 +17,6 @@ from poseppl_papers.peursum.factored_evidence import (
     fit_mixtures,
     log_tables,
 )
-from poseppl_papers.peursum.factored_gibbs import Draw, gibbs
 from poseppl_papers.peursum.factored_mean_field import Marginals, free_energy, mean_field, sweep
 
 from poseppl.motion.learned import FactoredTables, bin_angles

@@ -7,17 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from poseppl_papers.catalogue import find_experiment
-from poseppl_papers.du_guan.basins import basin_shares, true_shares
-from poseppl_papers.du_guan.mueller import BASINS, EXACT, SURFACE
+from poseppl_papers.du_guan.mueller import BASINS, EXACT, SURFACE, basin_shares, true_shares
 from poseppl_papers.images.scenes import Scene, see
 from poseppl_papers.images.systems import LIMBS, Method, System, problem_of
 from poseppl_papers.images.tracking import Blind, Tracking, blind, track
-from poseppl_papers.provenance import read_folder
 from poseppl_papers.recordings import BUILT_IN
 from poseppl_papers.reproduction import reproduce
+from poseppl_papers.tables import read_folder
 
 from poseppl.jobs import Processes
-from poseppl.motion.rendering.packages import load_mujoco
+from poseppl.motion.rendering.render import load_mujoco
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 SCENE = Scene(BUILT_IN, clutter=False, num_frames=5, width=320, height=240)

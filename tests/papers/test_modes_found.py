@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from poseppl_papers.experiment import UNDECIDED
-from poseppl_papers.sminchisescu_triggs.modes import modes_claim, modes_found
+from poseppl_papers.sminchisescu_triggs.spectra import modes_claim, modes_found
 from poseppl_papers.tables import Table
 
 COLUMNS = ("pose", "method", "starts", "evaluations", "modes", "of", "mass")

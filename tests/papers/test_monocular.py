@@ -8,16 +8,15 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.peursum.cone_body import peursum_body
+from poseppl_models.peursum.body import peursum_body
 from poseppl_models.peursum.factored_system import check_limits
-from poseppl_papers.peursum.animated import GROUND, _hues, draw_body
 from poseppl_papers.peursum.claims import claims
-from poseppl_papers.peursum.factored_fbs import log_walk_matrix
-from poseppl_papers.peursum.monocular import COLUMNS, THEIRS, monocular, monocular_claims
+from poseppl_papers.peursum.factored_draws import log_walk_matrix
+from poseppl_papers.peursum.monocular import COLUMNS, GROUND, THEIRS, _hues, draw_body, monocular, monocular_claims
 from poseppl_papers.peursum.plan import FULL, LEARNED, PUBLISHED, plan_monocular, plan_runtimes
-from poseppl_papers.peursum.posture import posture_squares
-from poseppl_papers.peursum.runtimes import COLUMNS as TIMED, runtime_claims, runtime_table, runtimes
 from poseppl_papers.peursum.smoothed_walks import ALGORITHMS, STAGES
+from poseppl_papers.peursum.tables import RUNTIME_COLUMNS as TIMED, runtime_claims, runtime_table, runtimes
+from poseppl_papers.peursum.tracks import posture_squares
 from poseppl_papers.recordings import Recording
 from poseppl_papers.tables import Table
 

@@ -10,9 +10,8 @@ from poseppl_papers.choo_fleet.claims import claims
 from poseppl_papers.choo_fleet.plan import PUBLISHED_UPDATES
 from poseppl_papers.experiment import Part
 from poseppl_papers.page import page_of
-from poseppl_papers.provenance import RECORD, Kept, Provenance, read_folder, write_folder
 from poseppl_papers.reproduction import reproduce
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import RECORD, Kept, Provenance, Table, read_folder, write_folder
 
 from poseppl.errors import InputError
 

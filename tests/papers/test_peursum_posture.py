@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from poseppl_models.bodies.choo_fleet import full_body
-from poseppl_papers.peursum.posture import mean_posture, posture_error
+from poseppl_papers.peursum.tracks import mean_posture, posture_error
 
 from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers
 

@@ -17,7 +17,7 @@ from poseppl_papers.recordings import BUILT_IN, Recording
 
 from poseppl.errors import InputError
 from poseppl.motion.io import read_masks, read_motion
-from poseppl.motion.rendering.packages import load_mujoco
+from poseppl.motion.rendering.render import load_mujoco
 
 WALK = Recording("walk", "/there/walk.amc", "/there/walk.asf", "0123")
 SYSTEM = System("peursum", "package.module:builder", 4)

@@ -7,15 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_papers.choo_fleet import EXPERIMENT, Scale
-from poseppl_papers.choo_fleet.estimators import block_size, particle_estimates
-from poseppl_papers.choo_fleet.single_frame import FrameRuns, estimate_frame
+from poseppl_papers.choo_fleet.frame_tables import frame_errors, geometric_variance, log_standard_error
+from poseppl_papers.choo_fleet.single_frame import FrameRuns, block_size, estimate_frame, particle_estimates
 from poseppl_papers.choo_fleet.systems import SYSTEMS, frame_of
-from poseppl_papers.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
 from poseppl_papers.page import page_of
-from poseppl_papers.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl_papers.recordings import BUILT_IN
 from poseppl_papers.reproduction import reproduce
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Kept, Provenance, Table, read_folder, write_folder
 
 from poseppl.filters import particle_filter
 

@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from poseppl_papers.choo_fleet.claims import claims
+from poseppl_papers.choo_fleet.claims import claims, goals
 from poseppl_papers.choo_fleet.figures import draw_variances
-from poseppl_papers.choo_fleet.goals import goals
-from poseppl_papers.choo_fleet.tuning_tables import choose
-from poseppl_papers.choo_fleet.variances import FrameErrors, geometric_variance, log_standard_error, speed_up
+from poseppl_papers.choo_fleet.frame_tables import FrameErrors, geometric_variance, log_standard_error, speed_up
+from poseppl_papers.choo_fleet.tuning import choose
 from poseppl_papers.tables import Table, write_csv, write_netcdf
 
 COLUMNS = ("tracker", "recording", "frame", "method", "size", "seconds", "evaluations", "variance", "log_standard_error")

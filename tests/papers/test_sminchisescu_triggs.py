@@ -10,20 +10,16 @@ import pytest
 from poseppl_papers.experiment import FAILS, HOLDS, UNDECIDED, on_one_recording
 from poseppl_papers.measured import mean_interval
 from poseppl_papers.page import page_of
-from poseppl_papers.provenance import read_folder
 from poseppl_papers.recordings import BUILT_IN
 from poseppl_papers.sminchisescu_triggs import EXPERIMENT
-from poseppl_papers.sminchisescu_triggs.claims import claims
-from poseppl_papers.sminchisescu_triggs.covariance_claims import BODIES_ARE
-from poseppl_papers.sminchisescu_triggs.motions import PROGRAMS, moving
+from poseppl_papers.sminchisescu_triggs.claims import BODIES_ARE, claims
+from poseppl_papers.sminchisescu_triggs.motions import MOTIONS, PROGRAMS, moving
 from poseppl_papers.sminchisescu_triggs.plan import FULL, QUICK, plan_arm, plan_complex, plan_pivot, plan_reflections
-from poseppl_papers.sminchisescu_triggs.reflections import MOTIONS
 from poseppl_papers.sminchisescu_triggs.spectra import log_volume_ratio
-from poseppl_papers.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, percent_lost
-from poseppl_papers.sminchisescu_triggs.tabulate import COLUMNS, losses
+from poseppl_papers.sminchisescu_triggs.survival import COLUMNS, LOST, kept_seconds, losses, lost_at, percent_lost
 from poseppl_papers.sminchisescu_triggs.trackers import PUBLISHED, TRACKERS
 from poseppl_papers.sminchisescu_triggs.tracks import Tracks, scene_of, track
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import Table, read_folder
 from scipy import stats
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "sminchisescu-triggs-2001"

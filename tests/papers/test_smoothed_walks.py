@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pytest
-from poseppl_models.peursum.factored_motion import factored_motion
+from poseppl_models.peursum.factored_system import factored_motion
+from poseppl_papers.peursum.claims import walk_claims
+from poseppl_papers.peursum.factored_draws import Particles, RootWalk, log_transition_matrix, reweigh
 from poseppl_papers.peursum.factored_evidence import log_tables
-from poseppl_papers.peursum.factored_fbs import Particles, RootWalk, log_transition_matrix, reweigh
 from poseppl_papers.peursum.plan import FULL, QUICK, plan_walks
+from poseppl_papers.peursum.tables import WALK_COLUMNS, kind_of, walks
 from poseppl_papers.peursum.tracks import Track
-from poseppl_papers.peursum.walk_claims import walk_claims
-from poseppl_papers.peursum.walk_tables import COLUMNS, kind_of, walks
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.tables import Table
 
@@ -118,7 +118,7 @@ def table(gain: float, noise: float = 1.0, ess: float = 0.1, survivors: float = 
                 for smoother in ("filter", "FBS", "variational", "Gibbs") if scene[2:] != "clutter" else ("filter",):
                     error = 80.0 - (smoother != "filter") * gain + noise * rng.normal()
                     rows.append((scene, 60, name, smoother, run, error, 0.1, ess, survivors))
-    return Table("walks", COLUMNS, rows, "")
+    return Table("walks", WALK_COLUMNS, rows, "")
 
 
 def verdicts(table: Table) -> dict[str, str]:
@@ -127,7 +127,7 @@ def verdicts(table: Table) -> dict[str, str]:
 
 def test_scenes_that_were_not_run_are_not_reported():
     circles = [row for row in table(10.0).rows if row[0].endswith("circle")]
-    claims = walk_claims({"walks": Table("walks", COLUMNS, circles, "")})
+    claims = walk_claims({"walks": Table("walks", WALK_COLUMNS, circles, "")})
     assert claims and not any("CLUTTER" in claim.what or "furniture" in claim.what for claim in claims)
     assert not any("nan" in claim.ours for claim in claims)
 
@@ -145,7 +145,7 @@ def test_gains_are_judged_by_what_matters(gain, expected):
 def test_intervals_are_over_people():
     """Runs on one person say nothing of others, however many there are."""
     one = [(*row[:4], run, *row[5:]) for row in table(20.0).rows if row[0].startswith("a-") for run in range(9)]
-    found = verdicts(Table("walks", COLUMNS, one, ""))
+    found = verdicts(Table("walks", WALK_COLUMNS, one, ""))
     assert set(found.values()) == {"undecided", "FBS undecided; variational undecided; Gibbs undecided"} | {
         "none: other recordings",
         "none: another machine",
@@ -156,7 +156,7 @@ def test_furniture_that_adds_to_generic_motions_alone():
     rows = [
         (*row[:5], row[5] * (2 if "unannounced" in row[0] and row[2] == NAMES[1] else 1), *row[6:]) for row in table(0.0).rows
     ]
-    found = verdicts(Table("walks", COLUMNS, rows, ""))
+    found = verdicts(Table("walks", WALK_COLUMNS, rows, ""))
     what = "Section 6.1: clutter adds more to the error of Simple-PF, 1,000 than to that of FSHHMM-PF, 1,000"
     assert found[what] == "holds" and verdicts(table(0.0))[what] == "does not hold"
 

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from poseppl_papers.choo_fleet.contest import ContestRuns
-from poseppl_papers.choo_fleet.contest_tables import contest_table
-from poseppl_papers.choo_fleet.frame_tables import frame_tables
-from poseppl_papers.choo_fleet.sequence import LEVELS, SequenceRuns, _inside
-from poseppl_papers.choo_fleet.sequence_tables import performance
-from poseppl_papers.choo_fleet.single_frame import FrameRuns
-from poseppl_papers.choo_fleet.timing import FrameTiming
-from poseppl_papers.choo_fleet.variances import frame_errors
+from poseppl_papers.choo_fleet.contest import ContestRuns, contest_table
+from poseppl_papers.choo_fleet.frame_tables import frame_errors, frame_tables
+from poseppl_papers.choo_fleet.sequence import LEVELS, SequenceRuns, _inside, performance
+from poseppl_papers.choo_fleet.single_frame import FrameRuns, FrameTiming
 from poseppl_papers.measured import Interval
 from poseppl_papers.recordings import BUILT_IN
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.particles.families import clustered_ess
+from poseppl.particles.weights import clustered_ess
 
 NUM, RUNS, DIMENSIONS = 500, 400, 4
 EFFECTIVE = jax.jit(clustered_ess)

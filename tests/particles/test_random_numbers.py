@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
+from poseppl.particles.keys import normals_and_uniforms, weighted_choice
 
 pytestmark = pytest.mark.full
 

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 
 from poseppl.particles import resampling
-from poseppl.particles.prefix_sum import Split, running_split_sum, running_sum, split_number, unit
-from poseppl.particles.resampling import SCHEMES, resample, resampling_scheme, systematic, systematic_draws
+from poseppl.particles.resampling import (
+    SCHEMES,
+    Split,
+    resample,
+    resampling_scheme,
+    running_split_sum,
+    running_sum,
+    split_number,
+    systematic,
+    systematic_draws,
+    unit,
+)
 
 every_scheme = pytest.mark.parametrize("name", list(SCHEMES))
 ordered_schemes = pytest.mark.parametrize("name", ["systematic", "stratified", "residual"])

@@ -10,8 +10,8 @@ from synthetic import synthetic_result, two_sided_result
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.motion.report import plot_error
-from poseppl.motion.report.charts import error_traces
 from poseppl.motion.report.pose_views import ghosts
+from poseppl.motion.report.sections import error_traces
 from poseppl.report.chart import Panel, fan, grid, line, log_axis, log_ticks, stack
 from poseppl.report.charts import mode_chart
 from poseppl.report.page import to_json

@@ -15,7 +15,7 @@ from same_data import run_on, scene
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
-from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps, variance_charts
+from poseppl.report.compare import HEATS, MAX_CELLS, comparison_charts, heat_maps, variance_charts
 from poseppl.report.page import shown, to_json, with_error
 
 DATA = scene(num_frames=20)

@@ -8,10 +8,8 @@ from distinct_values import ERRORS, SHARES, distinct_result
 
 from poseppl.cli.outputs import summary
 from poseppl.diagnostics import diagnose
-from poseppl.motion.measures import root_index
-from poseppl.motion.poses import image_grows_down
-from poseppl.motion.report.charts import error_traces
-from poseppl.motion.report.tables import cards as cards_of_body, error_table
+from poseppl.motion.measures import image_grows_down, root_index
+from poseppl.motion.report.sections import cards as cards_of_body, error_table, error_traces
 from poseppl.motion.tracking.metrics import measure_run
 from poseppl.report.charts import charts
 from poseppl.report.tables import cards

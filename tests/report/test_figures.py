@@ -12,7 +12,7 @@ from poseppl import report
 from poseppl.diagnostics.selection import evenly
 from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.motion import report as of_bodies
-from poseppl.motion.poses import expected_error, segments
+from poseppl.motion.measures import expected_error, segments
 from poseppl.motion.report import plot_overlay, plot_pose3d
 from poseppl.runs.results import Names, build_result
 

@@ -13,7 +13,7 @@ from page_reading import data_of
 
 import poseppl
 from poseppl.report import report_html
-from poseppl.report.site_charts import data_charts, site_charts
+from poseppl.report.run_page import data_charts, site_charts
 
 FRAMES = 8
 HEIGHTS = np.array([0.1, 0.3, np.nan, 2.2, 2.0, 2.3, 2.5, 0.2])

@@ -13,13 +13,12 @@ from synthetic import synthetic_result
 
 from poseppl.diagnostics.diagnosis import diagnose
 from poseppl.diagnostics.run_figures import is_sampled
-from poseppl.motion.report.tables import cards as cards_of_body, doubt_table
+from poseppl.motion.report.sections import cards as cards_of_body, doubt_table
 from poseppl.motion.verdicts.doubts import doubts_of
 from poseppl.report import plot_track, report_html
-from poseppl.report.charts import charts, inefficiency_panel
+from poseppl.report.charts import algorithms_of, charts, inefficiency_panel, short_names, title_of, wrapped
 from poseppl.report.page import Cell, filled
 from poseppl.report.tables import Top, cards, flatten, worst_frames_table
-from poseppl.report.titles import algorithms_of, short_names, title_of, wrapped
 from poseppl.runs.results import Names, build_result
 
 

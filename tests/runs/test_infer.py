@@ -17,7 +17,7 @@ from law_problems import problem
 
 import poseppl
 from poseppl.checks import check_key
-from poseppl.diagnostics.evidence import NONE, WEIGHTS, evidence_of_run
+from poseppl.diagnostics.replicates import NONE, WEIGHTS, evidence_of_run
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
 from poseppl.errors import InputError
 from poseppl.filters import Filter, annealed_filter

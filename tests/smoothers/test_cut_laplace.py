@@ -14,8 +14,7 @@ import pytest
 from poseppl.compilation import double_precision
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl.smoothers.base import History
-from poseppl.smoothers.cut_laplace import cut_laplace_smoother
-from poseppl.smoothers.laplace import laplace_smoother
+from poseppl.smoothers.laplace import cut_laplace_smoother, laplace_smoother
 
 FRAMES, STEP, NOISE, WIDE = 6, 0.7, 0.5, 2.0
 

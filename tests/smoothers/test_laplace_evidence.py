@@ -19,7 +19,7 @@ from scipy.stats import norm, t
 from poseppl.compilation import double_precision
 from poseppl.program import Cluttered, StateSpaceModel
 from poseppl.smoothers.curvature import find_mode
-from poseppl.smoothers.laplace_evidence import laplace_evidence
+from poseppl.smoothers.laplace import laplace_evidence
 
 DATA = np.array([[0.3], [0.9], [np.nan], [1.4], [0.2]])
 

@@ -16,8 +16,7 @@ from poseppl_models.toys.finite_hmm import finite_hmm
 
 from poseppl.program import CompiledModel
 from poseppl.smoothers.base import History
-from poseppl.smoothers.conditional_smc import conditional_smc
-from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother
+from poseppl.smoothers.conditional_smc import conditional_smc, particle_gibbs_smoother
 
 METHODS = ("ancestor", "backward")
 INITIAL, TRANSITION, EMISSION = TWO_STATES

@@ -16,8 +16,15 @@ from scipy.stats import multivariate_normal
 from test_trajectory_smoother import history_of, positive_model
 
 from poseppl.smoothers.published import particle_mgrad
-from poseppl.smoothers.published.gradient_proposal import geometry, log_correction, propose, scale_of, shifted
-from poseppl.smoothers.published.particle_mgrad import gradient_move, particle_mgrad_smoother
+from poseppl.smoothers.published.particle_mgrad import (
+    geometry,
+    gradient_move,
+    log_correction,
+    particle_mgrad_smoother,
+    propose,
+    scale_of,
+    shifted,
+)
 
 VARIANTS = ("mgrad", "agrad")
 CHAINS, DRAWS = 40, 400  # the chains are the replicates that standard errors come from

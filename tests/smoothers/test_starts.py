@@ -8,7 +8,7 @@ import numpy as np
 from poseppl_models.toys.linear_gaussian import linear_gaussian
 
 from poseppl.smoothers import History
-from poseppl.smoothers.starts import initial_trajectories
+from poseppl.smoothers.backward_pass import initial_trajectories
 
 
 def test_many_particles_are_thinned_by_their_weights_once():

@@ -14,7 +14,7 @@ from law_problems import z_scores
 from oracles.kalman import kalman_filter
 from poseppl_models.toys.linear_gaussian import linear_gaussian_matrices
 
-from poseppl.diagnostics.autocorrelation import array_stats
+from poseppl.diagnostics.inefficiency import array_stats
 from poseppl.errors import InputError
 from poseppl.filters import kalman_filter as kalman, particle_filter
 from poseppl.kernels.adaptive_covariance import initial_covariance

@@ -14,10 +14,9 @@ from poseppl_models.toys.finite_hmm import finite_hmm
 from precision import precision
 
 from poseppl.program import StateSpaceModel
-from poseppl.smoothers.base import History
+from poseppl.smoothers.backward_pass import initial_trajectories
+from poseppl.smoothers.base import History, effective_draws_by_frame
 from poseppl.smoothers.curvature import find_mode, trajectory_precisions
-from poseppl.smoothers.effective import effective_draws_by_frame
-from poseppl.smoothers.starts import initial_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
 
 

@@ -1,4 +1,4 @@
-"""Sizes of a standing adult from the stature alone, for bodies whose papers give none.
+"""Sizes of a standing adult from the stature alone, and how people differ: mean and covariance of the anthropometric prior.
 
 Lengths of segments and heights of joints are the shares of stature of Drillis and Contini (1966, *Body Segment Parameters*,
 TR-1166-03), as in Winter, *Biomechanics and Motor Control of Human Movement* (2009, doi:10.1002/9780470549148, Fig. 4.1).
@@ -10,11 +10,29 @@ thin clothes.
 
 >>> round(segment_lengths(1750.0)["thigh"], 1)
 428.8
+
+Sminchisescu and Triggs (2001, section 3.2) take a Gaussian prior N(mu_a, Sigma_a) over a body's proportions, whose mean is the
+standard humanoid of H-Anim 1.1 (appendix A: default joint centres, of a person of 1.7504 m). So does this; the left side is
+mirrored. H-Anim gives no hands and feet in one piece: these are the shares of Drillis and Contini.
+
+Sigma_a is not in the paper. In the survey of the U.S. Army (Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army
+Personnel*, NATICK/TR-15/007; 4082 men) standard deviations are, in per cent of the means: stature 3.9, acromion to radiale 5.2,
+radiale to stylion 5.7, biacromial breadth 4.6, trochanterion height 5.5, lateral epicondyle's height 5.4. Here all sizes share
+a factor with standard deviation 3.9 %, the stature's, and each has one of 3.5 % of its own, 5.2 % together; offsets that are
+near 0 in the standard have 10 mm; widths of the flesh, for which we have no survey, have 10 %.
+
+>>> sizes = humanoid_sizes(1750.0)
+>>> round(sizes["thigh"]), round(sizes["upper_arm"]), round(sizes["hip_side"])
+(427, 303, 96)
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from poseppl.arrays import Floats
 
 STATURE = 1750.0
 """mm."""
@@ -59,3 +77,97 @@ def segment_lengths(stature: float = STATURE) -> dict[str, float]:
 def segment_radii(stature: float = STATURE) -> dict[str, tuple[float, float]]:
     """Radii (mm) of the segments at the base and at the tip of somebody so tall (mm)."""
     return {name: (base * stature, tip * stature) for name, (base, tip) in RADIUS_SHARES.items()}
+
+
+H_ANIM_STATURE = 1.7504
+H_ANIM_CENTRES: Mapping[str, tuple[float, float, float]] = {
+    "sacroiliac": (0.0, 0.9149, 0.0016),
+    "hip": (0.0961, 0.9124, -0.0001),
+    "knee": (0.1040, 0.4867, 0.0308),
+    "ankle": (0.1101, 0.0656, -0.0736),
+    "sternoclavicular": (0.0820, 1.4488, -0.0353),
+    "shoulder": (0.2029, 1.4376, -0.0387),
+    "elbow": (0.2014, 1.1357, -0.0682),
+    "wrist": (0.1984, 0.8663, -0.0583),
+    "skullbase": (0.0044, 1.6209, 0.0236),
+    "skull_tip": (0.0050, 1.7504, 0.0055),
+}
+"""Centres of H-Anim's default joints of the left side, and its site on top of the skull: metres to the left, up, forward."""
+WAIST_SHARE = 0.25
+"""Height of the joint between pelvis and thorax as a share of the way from the hips to the clavicles; ours."""
+
+COMMON_DEVIATION, OWN_DEVIATION, WIDTH_DEVIATION = 0.039, 0.035, 0.10
+"""Relative standard deviations: of the factor of all sizes, of each length, of each width."""
+OFFSET_DEVIATION = 10.0
+"""Standard deviation (mm) of offsets forward and up."""
+OFFSETS = ("hip_forward", "hip_drop", "clavicle_forward", "clavicle_up", "skull_forward", "shoulder_drop")
+INTERNAL = ("hip_side", "hip_forward", "hip_drop", "clavicle_side", "clavicle_forward", "clavicle_up", "skull_forward", "head")
+"""The eight internal proportions of section 2, "positions of the hip, clavicle and skull tip joints": sideways, forward and up
+or down for hips and clavicles, forward and up for the tip of the skull. The paper does not list them."""
+LIMBS = ("upper_arm", "forearm", "thigh", "shank")
+
+
+def _lengths() -> dict[str, float]:
+    """Shares of stature."""
+    at = {name: np.array(centre) / H_ANIM_STATURE for name, centre in H_ANIM_CENTRES.items()}
+
+    def apart(first: str, second: str) -> float:
+        return float(np.linalg.norm(at[first] - at[second]))
+
+    trunk = at["sternoclavicular"][1] - at["sacroiliac"][1]
+    return {
+        "waist": WAIST_SHARE * trunk,
+        "thorax": (1 - WAIST_SHARE) * trunk,
+        "neck": at["skullbase"][1] - at["sternoclavicular"][1],
+        "head": at["skull_tip"][1] - at["skullbase"][1],
+        "skull_forward": 0.0,
+        "clavicle_side": at["sternoclavicular"][0],
+        "clavicle_forward": 0.0,
+        "clavicle_up": 0.0,
+        "shoulder_side": at["shoulder"][0] - at["sternoclavicular"][0],
+        "shoulder_drop": at["sternoclavicular"][1] - at["shoulder"][1],
+        "upper_arm": apart("shoulder", "elbow"),
+        "forearm": apart("elbow", "wrist"),
+        "hand": LENGTH_SHARES["hand"],
+        "hip_side": at["hip"][0],
+        "hip_forward": 0.0,
+        "hip_drop": at["sacroiliac"][1] - at["hip"][1],
+        "thigh": apart("hip", "knee"),
+        "shank": apart("knee", "ankle"),
+        "ankle_height": at["ankle"][1],
+        "foot": LENGTH_SHARES["foot"],
+    }
+
+
+def _widths() -> dict[str, float]:
+    """Half-widths in the middle of parts, as shares of stature."""
+    middles = {f"{name}_width": sum(pair) / 2 for name, pair in RADIUS_SHARES.items()}
+    torso = middles.pop("torso_width")
+    return {"chest_width": torso, "chest_depth": TORSO_DEPTH * torso, "pelvis_width": torso} | middles
+
+
+LENGTHS, WIDTHS = tuple(_lengths()), tuple(_widths())
+
+
+def humanoid_sizes(stature: float = STATURE) -> dict[str, float]:
+    """Lengths and half-widths (mm) of the standard humanoid at a stature (mm)."""
+    return {name: share * stature for name, share in (_lengths() | _widths()).items()}
+
+
+def anthropometric_prior(names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Mean (n,) and covariance (n, n) of sizes, mm; the stature's standard deviation is part of the covariance.
+
+    Args:
+        names: Names of :func:`humanoid_sizes`.
+
+    Raises:
+        ValueError: A name that is none of them.
+    """
+    sizes = humanoid_sizes()
+    unknown = [name for name in names if name not in sizes]
+    if unknown:
+        raise ValueError(f"no size {unknown[0]!r}; expected names of {sorted(sizes)}")
+    mean = np.array([sizes[name] for name in names])
+    own = np.array([WIDTH_DEVIATION if name in WIDTHS else OWN_DEVIATION for name in names]) * mean
+    own = np.where([name in OFFSETS for name in names], OFFSET_DEVIATION, own)
+    return mean, np.diag(own**2) + COMMON_DEVIATION**2 * np.outer(mean, mean)

@@ -23,11 +23,9 @@ import numpy as np
 
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
-from poseppl_models.bodies.joint_names import ALIASES, segments
-from poseppl_models.bodies.postures import POSTURES
-from poseppl_models.bodies.random_walk import mean_reverting_walk, walking_body
-from poseppl_models.bodies.seen import see_points
-from poseppl_models.bodies.sides import edges_along
+from poseppl_models.bodies.joint_angles import POSTURES
+from poseppl_models.bodies.joint_names import ALIASES, edges_along, segments
+from poseppl_models.bodies.random_walk import mean_reverting_walk, see_points, walking_body
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""

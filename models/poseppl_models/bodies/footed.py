@@ -27,10 +27,9 @@ from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl_models.bodies import choo_fleet
 from poseppl_models.bodies.choo_fleet import joints_and_markers, median_of, standing_pose, unit_vector
+from poseppl_models.bodies.joint_angles import FOOT_POSTURES, POSTURES
 from poseppl_models.bodies.joint_names import ALIASES, FOOT_ALIASES, foot_segments, segments
-from poseppl_models.bodies.postures import FOOT_POSTURES, POSTURES
-from poseppl_models.bodies.random_walk import mean_reverting_walk, walking_body
-from poseppl_models.bodies.seen import see_points
+from poseppl_models.bodies.random_walk import mean_reverting_walk, see_points, walking_body
 
 FOOT_LENGTHS: Mapping[str, float] = {
     "foot_drop": 45.0,

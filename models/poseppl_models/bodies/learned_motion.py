@@ -31,8 +31,7 @@ from poseppl.compilation import jit
 from poseppl.motion.learned import MotionModel
 from poseppl.motion.learned.angles import wrapped
 from poseppl.program import StateSpaceModel
-from poseppl_models.bodies.random_walk import Observe, joint_sites
-from poseppl_models.bodies.seen import see_points, see_silhouettes
+from poseppl_models.bodies.random_walk import Observe, joint_sites, see_points, see_silhouettes
 
 UNTIL_OTHER, OTHER_LASTS = 10.0, 1.0
 """Mean seconds of an activity before other motion begins, and of that; ours."""

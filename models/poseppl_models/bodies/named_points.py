@@ -37,7 +37,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs
 from poseppl.motion.geometry import project
 from poseppl.program import Cluttered, StateSpaceModel
 

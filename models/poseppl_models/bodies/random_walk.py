@@ -1,4 +1,4 @@
-"""The state of a body as NumPyro sites, one for each joint, and its Gaussian random walk."""
+"""The state of a body as NumPyro sites, one for each joint, its Gaussian random walk, and its observations."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.likelihoods import ProjectedMarkers, Silhouettes
 from poseppl.program import StateSpaceModel
 
 Programs = tuple[Callable[..., None], Callable[..., None]]
@@ -80,3 +82,15 @@ def walking_body(
         observe(params, jnp.concatenate([state[name] for name in spans]), inputs)
 
     return StateSpaceModel(*walk(spans), observation)
+
+
+def see_points(params: Any, pose: Array, inputs: BodyInputs) -> None:
+    """Observe the site ``points`` (C, markers, 2) of a pose (d,), whose ``markers`` (K, 3) are kept, mm."""
+    numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
+    numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
+
+
+def see_silhouettes(params: Any, pose: Array, inputs: BodyInputs) -> None:
+    """Observe the site ``silhouette`` (C, entries) of a pose (d,), whose ``markers`` (K, 3) are kept, mm."""
+    numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
+    numpyro.deterministic("markers", marker_positions(inputs.tree, pose))

@@ -1,4 +1,4 @@
-"""The folder of the bodytrack benchmark: calibration, body, poses and images, as the likelihood takes them.
+"""The folder of the bodytrack benchmark as the likelihood takes it, and its first frame as an experiment does.
 
     BodyShapeParameters.txt    58 numbers: radii and factors of 10 parts, 18 lengths (mm)
     InitialPose.txt            31 numbers: the pose of the frame before the first (mm, radians)
@@ -14,12 +14,13 @@ they are read: the cameras are calibrated for it, although people are upside dow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
@@ -29,7 +30,15 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import read_image
 from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 from poseppl.motion.vision import benchmark_edge_map
-from poseppl_models.bodytrack.likelihood import BodytrackBody, ImageInputs, bodytrack_body
+from poseppl.program import StateSpaceModel
+from poseppl_models.bodytrack.likelihood import (
+    BodytrackBody,
+    ImageInputs,
+    benchmark_score,
+    bodytrack,
+    bodytrack_body,
+    limb_groups,
+)
 from poseppl_models.bodytrack.outline_samples import pad_maps
 
 Pixels = NDArray[np.uint8]
@@ -170,3 +179,45 @@ def _images(folder: Path, kind: str, frames: Sequence[int]) -> Pixels:
                 raise InputError(problem, file=path, expected=f"{width} x {height}, as the first has")
             found.append(image)
     return np.stack(found).reshape(len(frames), len(_CAMERAS), *found[0].shape)
+
+
+class BodytrackSystem(NamedTuple):
+    """The first frame.
+
+    Attributes:
+        program: The programs.
+        params: Their params.
+        inputs: Their inputs.
+        limbs: Coordinates of each limb, for crossover.
+        poses: States (31,) by name: "initial", and "reference" where it is known.
+        step_scale: Standard deviations of a frame's motion (31,).
+        scores: Scores of states by the samples they are taken from, "every" or "few"; of one state (31,).
+    """
+
+    program: StateSpaceModel
+    params: Mapping[str, float]
+    inputs: Any
+    limbs: Sequence[Sequence[int]]
+    poses: Mapping[str, Floats]
+    step_scale: Floats
+    scores: Mapping[str, Callable[[Array], Array]]
+
+
+def bodytrack_system(folder: FilePath) -> BodytrackSystem:
+    """Read the benchmark's folder; the programs take every sample.
+
+    Args:
+        folder: Such as ``sequenceB_1``.
+
+    Raises:
+        InputError: As :func:`poseppl_models.bodytrack.files.read_bodytrack`.
+    """
+    data = read_bodytrack(folder)
+    inputs, body = data.inputs(), data.body
+
+    def score(every: bool) -> Callable[[Array], Array]:
+        return lambda state: benchmark_score(body, jnp.asarray(state, float), inputs, every=every)
+
+    poses = {"initial": data.start} | ({"reference": data.reference[0]} if len(data.reference) else {})
+    program, scores = bodytrack(body, every=True), {"every": score(True), "few": score(False)}
+    return BodytrackSystem(program, {"beta": 1.0}, inputs, limb_groups(body), poses, data.step_scale, scores)

@@ -26,8 +26,8 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.coverage import outline_corners
 from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of, parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
 from poseppl_models.bodies.random_walk import walking_body
 from poseppl_models.bodytrack.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums

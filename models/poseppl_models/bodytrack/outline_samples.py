@@ -1,6 +1,6 @@
 """Sums of image maps over the outlines and the insides of a body's parts, by sampling.
 
-A part's outline in an image is a quadrilateral (:mod:`poseppl.motion.geometry.outlines`). Maps are sampled along its two sides,
+A part's outline in an image is a quadrilateral (:mod:`poseppl.motion.geometry.coverage`). Maps are sampled along its two sides,
 and on a grid inside, rows along the axis and columns across it, at the nearest pixel; what falls outside of the image does not
 count. :class:`Spacing` asks for a sample every so many pixels, at least 4 intervals in each direction. Then either
 
@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
 
 _MIN = 4
 _ROUNDING = 1e-6

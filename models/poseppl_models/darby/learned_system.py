@@ -21,14 +21,22 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.learned import MotionModel, read_motion_model
 from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.bodies.joint_limits import hard_limits
+from poseppl_models.bodies.joint_angles import hard_limits
 from poseppl_models.bodies.learned_motion import Activity, learned_motion
 from poseppl_models.bodies.random_walk import walking_body
-from poseppl_models.darby.cone_body import darby_body
-from poseppl_models.images.body_constraints import parts_apart
-from poseppl_models.images.image_program import ImageInputs, camera_likelihood
-from poseppl_models.images.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
-from poseppl_models.images.image_systems import BETA, darby_weight, limbs_of, measured_body, two_way_inputs
+from poseppl_models.darby.body import darby_body
+from poseppl_models.images.image_program import ImageInputs, camera_likelihood, parts_apart
+from poseppl_models.images.image_systems import (
+    BETA,
+    ImageSystem,
+    LearnedMotion,
+    SeenPerson,
+    Sight,
+    darby_weight,
+    limbs_of,
+    measured_body,
+    two_way_inputs,
+)
 
 
 def darby_learned_system(

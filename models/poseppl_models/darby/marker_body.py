@@ -1,8 +1,8 @@
 """The ten-cone body of Darby, Li and Costen (2008) seen as points: 31 coordinates that walk at random, as NumPyro programs.
 
-The body of :mod:`poseppl_models.darby.cone_body` with the markers that its joints move: hands and feet do not turn on it, and
+The body of :mod:`poseppl_models.darby.body` with the markers that its joints move: hands and feet do not turn on it, and
 have none. The pelvis is the middle of the hips and the neck that of the shoulders, as the virtual markers of papers on body
-tracking are (:mod:`poseppl.diagnostics.marker_errors`).
+tracking are (:mod:`poseppl.motion.tracking.marker_errors`).
 
 >>> body = full_body()
 >>> body.tree.dimension, len(body.tree.marker_names), body.program is full_body({"thigh": 400.0}).program
@@ -19,16 +19,15 @@ import numpy as np
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths
-from poseppl_models.bodies.body_fit import fitted_stature, measured_lengths
 from poseppl_models.bodies.choo_fleet import LIMBS, NOISE, WALK
-from poseppl_models.bodies.cone_body import ConeBody
-from poseppl_models.bodies.joint_names import ALIASES, segments
-from poseppl_models.bodies.random_walk import walking_body
-from poseppl_models.bodies.seen import see_points
-from poseppl_models.bodies.sides import edges_along
-from poseppl_models.darby.cone_body import darby_body
+from poseppl_models.bodies.cone_body import ConeBody, fitted_stature, measured_lengths
+from poseppl_models.bodies.joint_names import ALIASES, edges_along, segments
+from poseppl_models.bodies.random_walk import see_points, walking_body
+from poseppl_models.darby.body import darby_body
 
 EDGES = edges_along(("pelvis", "neck", "crown"), LIMBS)
+
+
 _MIDDLES = {"pelvis": "hip", "neck": "shoulder"}
 
 

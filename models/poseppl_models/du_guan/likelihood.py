@@ -1,4 +1,4 @@
-"""The likelihood of Du and Guan (ICASSP 2006, section 3): silhouettes, colours and boundaries.
+"""The body and the likelihood of Du and Guan (ICASSP 2006, section 3): silhouettes, colours and boundaries of 14 segments.
 
 It is a product of three functions of the image (G) and of the projected body (H):
 
@@ -13,16 +13,29 @@ is taken to the power 1 / s_1, ``params["overlap_scale"]``, as it stands at 1.
 Colours are those at a grid of known pixels of each part. If n_b of the n pixels are in bin b, each of them adds sqrt(q_b / (n
 n_b)) to the overlap of the part's histogram with the target q. This needs no histogram. A part that another one hides shows
 that one's colours: the weights of parts are the caller's. If no part is seen, d = 1. Boundaries are traced on the grid of the
-silhouettes (:mod:`poseppl_models.du_guan.contour_tracing`). If the image has none, p_3 = 1; if the body has none, its
+silhouettes (:mod:`poseppl_models.du_guan.evidence`). If the image has none, p_3 = 1; if the body has none, its
 descriptors are 0. p_1 is at least 1e-6.
+
+Six for the place and orientation of the root. The paper does not say which the others are, nor which segments are spheres;
+chosen here: 2 for the head (nodding and turning), 3 for shoulders and hips, 1 for elbows and knees; torso and head, upper
+arms, forearms and hands, thighs, shanks and feet. All are truncated cones: what it draws as spheres are short wide cones
+here.
+
+>>> body = du_guan_body()
+>>> body.tree.dimension, len(body.flesh.names)
+(24, 14)
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
+from poseppl_models.bodies.anthropometry import STATURE
+from poseppl_models.bodies.cone_body import ConeBody, proportional_body
 from poseppl_models.du_guan.evidence import GRID, DuGuanEvidence, grid_descriptors
 from poseppl_models.images.image_program import CameraScore, SeenBody
 from poseppl_models.images.part_samples import index_at, inside_points
@@ -77,3 +90,11 @@ def boundary_distance(descriptors: Array, body: Array) -> Array:
     found = grid_descriptors(body)
     there = jnp.isfinite(descriptors)
     return jnp.sqrt(jnp.sum(jnp.where(there, (found - jnp.where(there, descriptors, 0.0)) ** 2, 0.0), 1))
+
+
+AXES = {"pelvis": "ZYX", "neck": "ZX", "shoulder": "ZYX", "elbow": "X", "hip": "ZYX", "knee": "X"}
+
+
+def du_guan_body(stature: float = STATURE, lengths: Mapping[str, float] | None = None) -> ConeBody:
+    """Build the body of a person so tall (mm); segments whose lengths (mm) were measured take these."""
+    return proportional_body(stature, lengths, AXES, ("upper_arm", "forearm", "hand", "thigh", "shank", "foot"))

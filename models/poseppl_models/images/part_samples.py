@@ -1,6 +1,6 @@
 """Sample points on the parts of bodies in images, and what image maps say there.
 
-A part gets fixed fractions of its outline's quadrilateral (:mod:`poseppl.motion.geometry.outlines`): points along its two
+A part gets fixed fractions of its outline's quadrilateral (:mod:`poseppl.motion.geometry.coverage`): points along its two
 sides, and the centres of a grid of cells inside. Maps say "no evidence" by a negative value, and for all that lies outside of
 the image; such samples count neither in sums nor in numbers. :func:`nearest` takes the nearest pixel, :func:`bilinear`
 interpolates and has a gradient.

@@ -22,11 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.batch_last import computed_once
 from poseppl.motion.geometry.cameras import Cameras
-from poseppl.motion.geometry.coverage import Shapes, project_parts
+from poseppl.motion.geometry.coverage import Shapes, limb_corners, project_parts
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
-from poseppl.motion.geometry.outlines import limb_corners
 
 _WORD = 32
 _LEVEL = 1e-6

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 from poseppl.motion.bodies.body import Body
 from poseppl_models.bodies.anthropometry import STATURE, segment_lengths
-from poseppl_models.bodies.body_fit import fitted_stature
+from poseppl_models.bodies.cone_body import fitted_stature
 from poseppl_models.darby.marker_body import seen_as_points
-from poseppl_models.peursum.cone_body import peursum_body
+from poseppl_models.peursum.body import peursum_body
 
 
 def full_body(lengths: Mapping[str, float] | None = None) -> Body:

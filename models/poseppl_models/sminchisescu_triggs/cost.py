@@ -10,7 +10,7 @@ Nodes of a part, N of them, are on its occluding contour (two of each of some ri
 summed over the part's nodes and divided by N, and summed over parts. d_e is the offset of an edge along the contour's normal
 within a window. w_e is its importance: its energy, larger at motion boundaries, falling to 0 at the window's ends, and
 normalised with w_0 for "no edge at all" to a sum of 1. u is the node's position in the previous frame, for a given pose then,
-and v the flow there. W is the flow's precision by direction (:mod:`poseppl.motion.vision.flow_weights`), and r the node's
+and v the flow there. W is the flow's precision by direction (:mod:`poseppl.motion.vision.image_cues`), and r the node's
 position now. rho is a robust potential of strength nu: Leclerc's for edges, of which another one may be meant, the Lorentzian
 for flow, which attracts from a distance.
 
@@ -41,9 +41,14 @@ from jax import Array
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.program import Leclerc, Lorentzian, RobustError
-from poseppl_models.sminchisescu_triggs.contour_nodes import ContourNodes, contour_nodes, nodes_facing, project_point
-from poseppl_models.sminchisescu_triggs.line_search import edges_along_normals
-from poseppl_models.sminchisescu_triggs.occlusion import hidden
+from poseppl_models.sminchisescu_triggs.contours import (
+    ContourNodes,
+    contour_nodes,
+    edges_along_normals,
+    hidden,
+    nodes_facing,
+    project_point,
+)
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics, local_nodes, part_axes, place_in
 
 Parts = tuple[Array, Array]

@@ -16,8 +16,7 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree
-from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_density, batched_score
+from poseppl.motion.geometry.batch_last import batch_last, batched_density, batched_score
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl_models.sminchisescu_triggs.cost import CostNoise, CostSettings, ImageSeen, residuals_of
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadrics, part_axes

@@ -1,6 +1,6 @@
 """The bodies of Sminchisescu and Triggs (2001) seen as points, with their joint limits and stabilisers, as NumPyro programs.
 
-The limits are the supports of the sites (:mod:`poseppl_models.bodies.limited_normal`), so that these programs are for methods
+The limits are the supports of the sites (:mod:`poseppl_models.bodies.limited_walk`), so that these programs are for methods
 that draw and evaluate densities, and for searches under bounds. Filters that want Gaussian transitions take
 ``limits="barrier"``: a plain walk, and a smooth log-factor at each frame instead.
 
@@ -24,16 +24,17 @@ from poseppl.motion.geometry import marker_positions
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
 from poseppl_models.bodies import choo_fleet
+from poseppl_models.bodies.anthropometry import LENGTHS
 from poseppl_models.bodies.choo_fleet import NOISE, WALK
-from poseppl_models.bodies.humanoid import LENGTHS
-from poseppl_models.bodies.joint_limits import smooth_limits
-from poseppl_models.bodies.joint_names import ALIASES, segments
+from poseppl_models.bodies.joint_angles import smooth_limits
+from poseppl_models.bodies.joint_names import ALIASES, edges_along, segments
 from poseppl_models.bodies.limited_walk import limited_walk
 from poseppl_models.bodies.random_walk import Observe, walking_body
-from poseppl_models.bodies.sides import edges_along
 from poseppl_models.sminchisescu_triggs.body import Kind, SuperquadricBody, superquadric_body
 
 Limits = Literal["support", "barrier", "none"]
+
+
 _ALIASES = {
     **ALIASES,
     **{
@@ -41,7 +42,11 @@ _ALIASES = {
         for s, left in (("l", "Left"), ("r", "Right"))
     },
 }
+
+
 _ARM, _LEG = choo_fleet.LIMBS
+
+
 EDGES = edges_along(("pelvis", "chest", "neck", "skull", "crown"), (_ARM, (*_LEG, "toe")))
 
 

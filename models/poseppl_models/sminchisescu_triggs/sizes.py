@@ -2,7 +2,8 @@
 
 "Our initialization method also estimates the most important internal proportions and shape parameters, subject to a soft prior
 based on standard humanoid dimensions" (section 2). The state has the joints within their limits and one site ``sizes``: the n
-sizes whitened by the anthropometric prior (:mod:`poseppl_models.bodies.humanoid`), so that the prior is a standard normal and
+sizes whitened by the anthropometric prior (:mod:`poseppl_models.bodies.anthropometry`), so that the prior is a standard normal
+and
 
     mm = mu_a + chol(Sigma_a) sizes,
 
@@ -27,12 +28,11 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batch_last import batch_last, batched_score
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
-from poseppl_models.bodies.humanoid import INTERNAL, LIMBS, anthropometric_prior
+from poseppl_models.bodies.anthropometry import INTERNAL, LIMBS, anthropometric_prior
 from poseppl_models.bodies.limited_walk import limited_walk
 from poseppl_models.bodies.random_walk import joint_sites
 from poseppl_models.sminchisescu_triggs.body import Kind, SuperquadricBody, superquadric_body
@@ -54,7 +54,7 @@ class SizeInputs(NamedTuple):
     Attributes:
         cameras: C cameras, px.
         marked: Standard deviation of the joints marked in it (C, markers), px.
-        seen: Further observations, from :func:`poseppl_models.sminchisescu_triggs.image.seen_in_images`.
+        seen: Further observations, from :func:`poseppl_models.sminchisescu_triggs.programs.seen_in_images`.
         noise: Noise of the contours.
         start: Mean of the pose (d,): mm and radians.
         start_scale: Its standard deviations (d,).

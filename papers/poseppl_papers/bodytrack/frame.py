@@ -21,7 +21,7 @@ from poseppl_papers.measured import over_runs
 from poseppl_papers.recordings import Recording
 from poseppl_papers.tables import Table
 
-BUILDER = "poseppl_models.bodytrack.system:bodytrack_system"
+BUILDER = "poseppl_models.bodytrack.files:bodytrack_system"
 _NOTHING = Observation({}, {})
 
 

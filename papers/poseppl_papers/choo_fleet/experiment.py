@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.motion.geometry import project
-from poseppl_papers.choo_fleet.claims import claims
-from poseppl_papers.choo_fleet.contest_tables import contest_table
+from poseppl_papers.choo_fleet.claims import Goal, claims, goals
+from poseppl_papers.choo_fleet.contest import contest_table
 from poseppl_papers.choo_fleet.figures import (
     draw_contest,
     draw_coordinates,
@@ -20,7 +20,6 @@ from poseppl_papers.choo_fleet.figures import (
     draw_variances,
 )
 from poseppl_papers.choo_fleet.frame_tables import frame_tables
-from poseppl_papers.choo_fleet.goals import Goal, goals
 from poseppl_papers.choo_fleet.plan import (
     FULL,
     QUICK,
@@ -29,10 +28,9 @@ from poseppl_papers.choo_fleet.plan import (
     plan_single_frame,
     plan_tuning,
 )
-from poseppl_papers.choo_fleet.sequence import SequenceRuns
-from poseppl_papers.choo_fleet.sequence_tables import performance, sequence_tables
+from poseppl_papers.choo_fleet.sequence import SequenceRuns, performance, sequence_tables
 from poseppl_papers.choo_fleet.systems import noisy_points, stage_of
-from poseppl_papers.choo_fleet.tuning_tables import tuning_tables
+from poseppl_papers.choo_fleet.tuning import tuning_tables
 from poseppl_papers.experiment import Experiment, Jobs, Part, Pictures, Results, Tables
 from poseppl_papers.tables import Table, markdown
 

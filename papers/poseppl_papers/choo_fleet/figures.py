@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from poseppl.report.picture import Picture, new_picture
-from poseppl_papers.choo_fleet.tuning_tables import choose
+from poseppl_papers.choo_fleet.tuning import choose
 from poseppl_papers.experiment import Tables
-from poseppl_papers.images.figures import COLOURS
+from poseppl_papers.images.tables import COLOURS
 from poseppl_papers.tables import Table
 
 _OF_METHOD = {"particle": "#e4572e", "hmc": "#1f6f8b", "particle filter": "#e4572e", "HMC filter": "#1f6f8b"}

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from poseppl_papers.choo_fleet.contest import CONTESTANTS, ContestRuns, contest_frame, settings_of
+from poseppl_papers.choo_fleet.contest import (
+    CONTESTANTS,
+    ContestRuns,
+    TrajectoryRuns,
+    contest_frame,
+    run_trajectory,
+    settings_of,
+)
 from poseppl_papers.choo_fleet.sequence import SequenceRuns, Settings, run_sequence
-from poseppl_papers.choo_fleet.single_frame import FrameRuns, estimate_frame
+from poseppl_papers.choo_fleet.single_frame import FrameRuns, FrameTiming, estimate_frame, time_frame
 from poseppl_papers.choo_fleet.systems import SIMULATED, SYSTEMS, single_frames, stage_of
-from poseppl_papers.choo_fleet.timing import FrameTiming, time_frame
-from poseppl_papers.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
 from poseppl_papers.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
 from poseppl_papers.experiment import Task
 from poseppl_papers.recordings import BUILT_IN, Recording

@@ -1,8 +1,8 @@
-"""The jobs of section 7.4 and of the contest: any filter of the library on a sequence of frames, run after run."""
+"""Section 7.4 and the contest: any filter of the library on a sequence, run after run; jobs and tables (Figs. 4 and 5)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
@@ -23,11 +23,12 @@ from poseppl.motion.tracking.problem import Problem
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.results import QUANTILES
-from poseppl_papers.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
-from poseppl_papers.choo_fleet.tracker_job import TrackerJob
-from poseppl_papers.clock import timed
+from poseppl_papers.choo_fleet.systems import Stage, TrackerJob, noisy_points, pose_sequence, stage_of
+from poseppl_papers.experiment import Results
+from poseppl_papers.measured import mean_and_error
 from poseppl_papers.recordings import Recording
-from poseppl_papers.runs import stacked
+from poseppl_papers.runs import joined, stacked, timed
+from poseppl_papers.tables import Table, grouped
 
 Settings = tuple[tuple[str, Any], ...]
 LEVELS = (0.5, 0.9)
@@ -177,3 +178,58 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     function = jit(run)
     timed(function, jax.random.key(0), _arguments(problem, true_states(stage, frames)))
     return function
+
+
+def sequence_tables(jobs: Sequence[SequenceRuns], results: Results) -> list[Table]:
+    """Tables of Figs. 4 and 5, frame by frame, and their summary."""
+    rows = []
+    for (tracker, _, method), whole in _grouped(jobs, results).items():
+        for frame in range(whole["error"].shape[1]):
+            values = [mean_and_error(whole[name][:, frame]) for name in ("log_likelihood", "log_prior", "error")]
+            rows.append((tracker, method, frame, *(number for pair in values for number in pair)))
+    names = ("log_likelihood", "log_prior", "error")
+    columns = ("tracker", "method", "frame", *(column for name in names for column in (name, f"{name}_standard_error")))
+    about = "Log-likelihood of the mean state, log prior of the true state, and markers' error (mm): means over runs."
+    return [Table("sequence", columns, rows, about), performance("sequence_summary", jobs, results)]
+
+
+def performance(name: str, jobs: Sequence[SequenceRuns], results: Results) -> Table:
+    """Error, coverage, spread and cost of each filter on each recording, over all frames and runs."""
+    rows = []
+    for (tracker, recording, method), whole in _grouped(jobs, results).items():
+        error, relative = (mean_and_error(whole[key].mean(1)) for key in ("error", "error_relative"))
+        cover = [mean_and_error(whole["inside_markers"][:, index].mean(1)) for index in range(len(LEVELS))]
+        state = [mean_and_error(whole["inside_state"][:, index].mean(1))[0] for index in range(len(LEVELS))]
+        spread = float(np.sqrt(np.mean(np.var(whole["markers"], axis=0, ddof=1)) * 3)) if len(whole["markers"]) > 1 else np.nan
+        frames = whole["error"].shape[1]
+        evaluations = float((whole["num_likelihood"] + whole["num_gradient"]).mean())
+        rate = frames / float(np.median(whole["seconds"]))
+        covered = [number for pair in cover for number in pair]
+        rows.append((tracker, recording, method, *error, relative[0], *covered, *state, spread, rate, evaluations))
+    columns = (
+        "tracker",
+        "recording",
+        "method",
+        "error",
+        "error_standard_error",
+        "error_relative",
+        "markers_in_50",
+        "markers_in_50_standard_error",
+        "markers_in_90",
+        "markers_in_90_standard_error",
+        "state_in_50",
+        "state_in_90",
+        "spread",
+        "frames_per_second",
+        "evaluations_per_frame",
+    )
+    about = (
+        "Mean distance of the markers from the truth (mm) and relative to the pelvis, share of true coordinates inside central "
+        "intervals, root mean square distance (mm) of a run's means from those of all runs, and cost."
+    )
+    return Table(name, columns, rows, about)
+
+
+def _grouped(jobs: Sequence[SequenceRuns], results: Results) -> dict[tuple[str, str, str], Mapping[str, Any]]:
+    groups = grouped(jobs, lambda job: (job.system, job.recording.name, job.method))
+    return {key: joined(own, results) for key, own in groups.items()}

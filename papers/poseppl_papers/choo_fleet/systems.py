@@ -1,4 +1,4 @@
-"""Systems of Choo and Fleet 2001: three trackers with the settings of Table 1, and the recordings that they are run on.
+"""Systems of Choo and Fleet 2001: three trackers with the settings of Table 1, their recordings, and what all jobs share.
 
 The published step sizes (10.3, 4.0 and 3.0) belong to estimates of the curvature in Eq. 17 that the paper does not give: with
 our Gauss-Newton curvature no epsilon above 2 is stable. Ours are fixed, as theirs are, and such that with the paper's L the
@@ -8,6 +8,7 @@ shorter trajectories the paper's rule of 15 % (section 7.5) is a good one. The t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.arrays import Floats
+from poseppl.jobs import Job
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
@@ -214,3 +216,21 @@ def _scene(stage: Stage, frames: slice, points: Floats) -> Scene[PointData]:
         stage.markers[frames],
         stage.residual,
     )
+
+
+@dataclass(frozen=True)
+class TrackerJob(Job):
+    """A job of one tracker.
+
+    Attributes:
+        recording: Recording of the person that is seen.
+        system: The tracker.
+    """
+
+    recording: Recording
+    system: str
+
+    @property
+    def row(self) -> System:
+        """The tracker and its row of Table 1."""
+        return SYSTEMS[self.system]

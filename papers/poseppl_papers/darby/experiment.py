@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from poseppl_papers.darby.claims import claims
+from poseppl_papers.darby.claims import claims, guided_errors, taught, trackers
 from poseppl_papers.darby.plan import (
     FULL,
     QUICK,
@@ -13,10 +13,8 @@ from poseppl_papers.darby.plan import (
     plan_one_camera,
     plan_trackers,
 )
-from poseppl_papers.darby.tables import guided_errors, taught, trackers
 from poseppl_papers.experiment import Experiment, Part
-from poseppl_papers.images.figures import drawn_errors, drawn_scenes
-from poseppl_papers.images.tables import ERRORS_ARE, tracked
+from poseppl_papers.images.tables import ERRORS_ARE, drawn_errors, drawn_scenes, tracked
 
 _SETTING = f"""\
 Darby, Li and Costen, "Tracking a walking person using activity-guided annealed particle filtering", FG 2008, \

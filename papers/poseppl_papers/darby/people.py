@@ -1,4 +1,4 @@
-"""The tracked person, and the people of the training recordings: recordings with one skeleton are of one person."""
+"""The tracked person, the people of the training recordings, and the job: runs of a filter with what was learned from them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from poseppl.errors import InputError
 from poseppl.files.cache_folder import cache_folder
@@ -14,11 +15,15 @@ from poseppl.motion.learned import (
     PosedRecording,
     TrainingSettings,
     pose_recording,
+    read_motion_model,
     read_recording,
     train_motion_model,
     write_motion_model,
 )
+from poseppl_papers.images.systems import problem_of
+from poseppl_papers.images.tracking import Tracking, compiled_step, first_state, run_once
 from poseppl_papers.recordings import Recording
+from poseppl_papers.runs import stacked
 from poseppl_papers.tables import grouped
 
 BODY = "poseppl_models.darby.marker_body:full_body"
@@ -107,3 +112,30 @@ def _poses(recording: Recording, rate: float) -> PosedRecording:
     if recording.path is None:
         raise InputError("the built-in walk is of nobody", field="--motion", expected="recordings of people, with skeletons")
     return pose_recording(read_recording(recording.path, recording.skeleton), BODY, rate)
+
+
+@dataclass(frozen=True)
+class Taught(Tracking):
+    """Runs of one filter, each with a newly trained model.
+
+    Attributes:
+        training: Training data; seeds of training are those of the runs.
+    """
+
+    training: Training | None = None
+
+
+def track_taught(job: Taught) -> dict[str, Any]:
+    """Run the filter; what is returned is as that of :func:`poseppl_papers.images.tracking.track`."""
+    assert job.training is not None
+    files = [trained_file(job.training, run) for run in job.runs]
+    system = job.system.with_settings(model=files[0], subject=job.training.subject or None)
+    problem = problem_of(job.scene, system, job.num_frames)
+    filter, step = compiled_step(job.scene, system, job.num_frames, job.method)
+    learned, rows = problem.system.learned, []
+    assert learned is not None and learned.taught is not None
+    for run, file in zip(job.runs, files, strict=True):
+        model = read_motion_model(file)
+        taught = problem._replace(frames=[learned.taught(inputs, model) for inputs in problem.frames])
+        rows.append(run_once(taught, step, first_state(taught, filter, run), run, job.weighs))
+    return stacked(rows)

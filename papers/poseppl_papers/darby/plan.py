@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from poseppl_papers.darby.guided import Taught, track_taught
-from poseppl_papers.darby.people import first_of_each, known, unknown
+from poseppl_papers.darby.people import Taught, first_of_each, known, track_taught, unknown
 from poseppl_papers.experiment import Task
-from poseppl_papers.images.plan import tracking_tasks
 from poseppl_papers.images.scenes import Rendering, Scene, render
 from poseppl_papers.images.systems import LIMBS, Method, System
+from poseppl_papers.images.tracking import tracking_tasks
 from poseppl_papers.recordings import Recording
 
 _BUILDER = "poseppl_models.images.image_systems:darby_system"

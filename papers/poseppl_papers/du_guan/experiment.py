@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from poseppl_papers.du_guan.claims import claims
+from poseppl_papers.du_guan.claims import claims, mueller, noise, scales, sequences, trackers
 from poseppl_papers.du_guan.mueller import mueller_table
 from poseppl_papers.du_guan.plan import FULL, QUICK, plan_mueller, plan_noise, plan_scales, plan_sequences, plan_trackers
-from poseppl_papers.du_guan.tables import mueller, noise, scales, sequences, trackers
 from poseppl_papers.experiment import Experiment, Part
-from poseppl_papers.images.figures import drawn_errors
-from poseppl_papers.images.tables import ERRORS_ARE, tracked
+from poseppl_papers.images.tables import ERRORS_ARE, drawn_errors, tracked
 
 _SETTING = f"""\
 Du and Guan, "Monocular Human Motion Tracking with the DE-MC Particle Filter", 2006. {ERRORS_ARE} One camera; "weight" \

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from poseppl_papers.du_guan.mueller import SAMPLERS, MuellerRuns, sample_mueller
 from poseppl_papers.experiment import Task
-from poseppl_papers.images.plan import tracking_tasks
 from poseppl_papers.images.scenes import Scene
 from poseppl_papers.images.systems import Method, System
+from poseppl_papers.images.tracking import tracking_tasks
 from poseppl_papers.recordings import Recording
 
 SYSTEM = System("du-guan", "poseppl_models.images.image_systems:du_guan_system", 1)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from poseppl_models.images.image_system import SeenPerson, Sight
+from poseppl_models.images.image_systems import SeenPerson, Sight
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
@@ -24,8 +24,8 @@ from poseppl.motion.bodies.body import body_builder, load_builder
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import read_motion, resample, slice_frames
-from poseppl.motion.recordings.subject_video import film_subject
 from poseppl.motion.recordings.subjects import turned, walking_subject
+from poseppl.motion.recordings.truth import film_subject
 from poseppl.motion.rendering import build_setting, find_toes
 from poseppl.motion.silhouettes.video_sources import DEFAULT_MODEL, VideoSources, sources_of_scene
 from poseppl.motion.tracking.marker_errors import VIRTUAL_MARKERS, virtual_markers

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from jax import Array
-from poseppl_models.images.image_system import ImageSystem, build_system
+from poseppl_models.images.image_systems import ImageSystem, build_system
 
 from poseppl.arrays import Floats
 from poseppl.filters import Filter
@@ -28,7 +28,7 @@ class System:
 
     Attributes:
         name: Name in tables.
-        builder: ``package.module:builder``, as :func:`poseppl_models.images.image_system.build_system` takes it.
+        builder: ``package.module:builder``, as :func:`poseppl_models.images.image_systems.build_system` takes it.
         views: How many cameras it uses, the first ones.
         settings: Settings of the builder.
     """

@@ -1,8 +1,8 @@
-"""The jobs: runs of a filter on the frames of a scene, and two trackers that see nothing, which frame its errors."""
+"""Runs of a filter on the frames of a scene, two trackers that see nothing, which frame its errors; and a part's tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -19,10 +19,10 @@ from poseppl.jobs import Job
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.tracking.marker_errors import marker_errors, virtual_markers
 from poseppl.program.population import log_likelihoods
-from poseppl_papers.clock import finished
-from poseppl_papers.images.scenes import Scene
+from poseppl_papers.experiment import Task
+from poseppl_papers.images.scenes import Rendering, Scene, render
 from poseppl_papers.images.systems import Method, Problem, System, problem_of
-from poseppl_papers.runs import stacked
+from poseppl_papers.runs import blocks_of, finished, stacked
 
 FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 HOLDING, CLOSEST = "(holds the first pose)", "(closest pose)"
@@ -184,3 +184,39 @@ def average_weight(model: Any, particles: Array, inputs: Any) -> float:
 @partial(jit, static_argnums=0)
 def _likelihoods(model: Any, states: Array, inputs: Any) -> Array:
     return log_likelihoods(model, states, model.observe({}), inputs)
+
+
+def tracking_tasks(
+    scenes: Sequence[Scene],
+    rivals: Iterable[tuple[System, Method]],
+    num_frames: int,
+    num_runs: int,
+    *,
+    weighs: bool = False,
+) -> dict[str, Task]:
+    """Render the scenes, then run each system's filters on them.
+
+    Args:
+        scenes: The scenes.
+        rivals: Systems, each with a filter.
+        num_frames: How many frames of a scene.
+        num_runs: How many runs of each filter.
+        weighs: Whether the particles' mean likelihood is taken.
+
+    Returns:
+        The tasks "scenes", "blind" and "tracking".
+    """
+    pairs = list(rivals)
+    systems = dict.fromkeys(system for system, _ in pairs)
+    sightless = [Blind(scene, system, num_frames) for system in systems for scene in scenes]
+    tracked = [
+        Tracking(scene, system, num_frames, method, runs, weighs)
+        for system, method in pairs
+        for scene in scenes
+        for runs in blocks_of(num_runs, 5)
+    ]
+    return {
+        "scenes": Task(render, [Rendering(scene) for scene in scenes]),
+        "blind": Task(blind, sightless),
+        "tracking": Task(track, tracked),
+    }

@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from poseppl_papers.experiment import Experiment, Part
-from poseppl_papers.images.figures import drawn_errors
-from poseppl_papers.images.tables import ERRORS_ARE, tracked
+from poseppl_papers.images.tables import ERRORS_ARE, drawn_errors, tracked
 from poseppl_papers.peursum.claims import claims
 from poseppl_papers.peursum.dimensionality import dimensionality_tables
-from poseppl_papers.peursum.figures import draw_dimensionality, draw_exponents
 from poseppl_papers.peursum.mixtures import mixture_table
 from poseppl_papers.peursum.monocular import monocular, monocular_table
 from poseppl_papers.peursum.plan import (
@@ -23,9 +21,19 @@ from poseppl_papers.peursum.plan import (
     plan_trackers,
     plan_walks,
 )
-from poseppl_papers.peursum.runtimes import runtime_table, runtimes
-from poseppl_papers.peursum.tables import dimensionality, exponent_table, exponents, mixtures, trackers
-from poseppl_papers.peursum.walk_tables import walk_table, walks
+from poseppl_papers.peursum.tables import (
+    dimensionality,
+    draw_dimensionality,
+    draw_exponents,
+    exponent_table,
+    exponents,
+    mixtures,
+    runtime_table,
+    runtimes,
+    trackers,
+    walk_table,
+    walks,
+)
 
 _SETTING = f"""\
 Peursum, Venkatesh and West, "A Study on Smoothing for Particle-Filtered 3D Human Body Tracking", IJCV 2010, \
@@ -53,9 +61,9 @@ generic filters have 10,000.
 - The furniture is not announced: what it hides counts against a pose, as in the paper. "Announced furniture" is the \
 same pictures. Pixels of furniture count neither for nor against a pose there, except where the person is seen before it; \
 the filters alone run there. Smoothers of generic motions run on circles alone.
-- The training of the FS-HHMM is derived (poseppl.motion.learned.factored_training), as are the updates of the \
+- The training of the FS-HHMM is derived (poseppl.motion.learned.factored_tables), as are the updates of the \
 variational smoother. Eq. 26 takes the phase that moves the rotation; Eq. 7h is a position that stays or follows the \
-heading; both by poseppl_models.peursum.factored_motion. Position and heading move by velocities (mm/s) and by scales of \
+heading; both by poseppl_models.peursum.factored_system. Position and heading move by velocities (mm/s) and by scales of \
 the video's frame rate; phases and rotations move by one row of the 50 Hz tables a frame, whatever the rate. The first \
 pose of the FSHHMM-PF is found by 20,000 particles on the first frame.
 - Before one camera the walks are recorded ones of six CMU people, each animated by the walk that its motion is learned \

@@ -31,8 +31,8 @@ from poseppl.smoothers import (
     mixture_variational_smoother,
     smoothed_moments,
 )
-from poseppl_papers.clock import timed
 from poseppl_papers.experiment import Jobs, Results
+from poseppl_papers.runs import timed
 from poseppl_papers.tables import Table
 
 UNDIVIDED, WEIGHTS, FREE = (

@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from poseppl_papers.experiment import Task
-from poseppl_papers.images.plan import tracking_tasks
 from poseppl_papers.images.scenes import Rendering, Scene, render
 from poseppl_papers.images.systems import Method, System
-from poseppl_papers.peursum.animated import AnimatedScene
+from poseppl_papers.images.tracking import tracking_tasks
 from poseppl_papers.peursum.dimensionality import EXACT, FBS, SMOOTHERS, GrowthRuns, smooth_growth
 from poseppl_papers.peursum.mixtures import FILTER, SMOOTHERS as MIXTURE_SMOOTHERS, MixtureRun, smooth_mixture
-from poseppl_papers.peursum.monocular import SmoothedAnimation, smooth_animation
+from poseppl_papers.peursum.monocular import AnimatedScene, SmoothedAnimation, smooth_animation
 from poseppl_papers.peursum.scenes import circle_scenes, clutter_scenes
 from poseppl_papers.peursum.smoothed_walks import SmoothedWalk, smooth_walk
 from poseppl_papers.recordings import Recording

@@ -1,4 +1,4 @@
-"""Scenes like the paper's (section 5.1): a person who walks in a circle, as in HumanEva, and one who walks among furniture.
+"""Scenes like the paper's (section 5.1), and the one walk that the learned motion comes from.
 
 HumanEva's actors walk in a circle on a mat of 3 m by 3 m, 640 x 480 px at 60 frames a second. The CLUTTER videos have four
 cameras below the ceiling, in the corners of a room of 7 m by 6 m with a table and chairs. They have 384 x 288 px at 25 frames a
@@ -10,6 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from poseppl.errors import InputError
+from poseppl.files.cache_folder import cache_folder
+from poseppl.files.store import key_of
+from poseppl.motion.io import Motion, read_motion, resample
+from poseppl.motion.learned import pose_recording, train_factored_motion, write_factored_tables
+from poseppl.motion.learned.posed_recordings import Recording as Recorded
+from poseppl.motion.recordings.subjects import walking_subject
 from poseppl_papers.images.scenes import Scene
 from poseppl_papers.recordings import Recording
 
@@ -61,3 +67,38 @@ def _first(recordings: Sequence[Recording], count: int) -> Sequence[Recording]:
         expected = f"{count} walks, one for each scene, and the one that the motion is learned from"
         raise InputError(f"{len(recordings)} walks to look at", field="--motion", expected=expected)
     return recordings[:count]
+
+
+BODY = "poseppl_models.peursum.marker_body:full_body"
+_SECONDS = 3.0
+"""Length of the built-in walk."""
+VERSION = 2
+"""Counted up when training comes to mean another thing."""
+
+
+def motion_at(recording: Recording, rate: float) -> Motion:
+    """A recording at a rate, frames a second; of the built-in walk a few steps.
+
+    Raises:
+        InputError: The recording cannot be read.
+    """
+    if recording.path is not None:
+        return resample(read_motion(recording.path, recording.skeleton), rate)
+    walk = walking_subject(frames=f"0:{round(_SECONDS * rate)}", rate=rate)
+    return Motion(walk.body.tree.marker_names, walk.markers, (), rate, recording.name)
+
+
+def trained_file(recording: Recording, rate: float) -> str:
+    """Learn the tables at a rate, frames a second, unless they are in the user's cache folder, and tell where they are.
+
+    Raises:
+        InputError: The recording cannot be read or is shorter than four steps.
+    """
+    record = {"recording": recording.digest, "rate": rate, "version": VERSION}
+    file = cache_folder("factored-motions") / f"{key_of(record)[:24]}.nc"
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        posed = pose_recording(Recorded(motion_at(recording, rate), recording.name), BODY)
+        coordinates = [(joint, axis) for joint, _, axis in (name.rpartition(".") for name in posed.coordinates)]
+        write_factored_tables(train_factored_motion(posed.states, coordinates, posed.rate), file)
+    return str(file)

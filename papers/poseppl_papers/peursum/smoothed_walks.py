@@ -2,7 +2,7 @@
 
 A run is a filter's particles over a walk, and four estimates of them: the filter's, FBS (section 4.2), the variational and the
 Gibbs smoother on the mixture of section 4.3. Generic motions are in bins for the last two: one phase, whose rotations diffuse.
-Errors are those of the mean posture (:mod:`poseppl_papers.peursum.posture`).
+Errors are those of the mean posture (:mod:`poseppl_papers.peursum.tracks`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from poseppl.jobs import Job
 from poseppl.jobs.job import later_field
 from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
 from poseppl.motion.learned.factored_tables import NUM_BINS
-from poseppl_papers.clock import finished
 from poseppl_papers.images.scenes import Scene
 from poseppl_papers.images.systems import Method, Problem, System, problem_of
 from poseppl_papers.images.tracking import compiled_step
+from poseppl_papers.peursum.factored_draws import Draw, RootWalk, gibbs, log_transition_matrix, log_walk_matrix, reweigh
 from poseppl_papers.peursum.factored_evidence import (
     FactoredPosterior,
     LogTables,
@@ -34,14 +34,11 @@ from poseppl_papers.peursum.factored_evidence import (
     fit_mixtures,
     log_tables,
 )
-from poseppl_papers.peursum.factored_fbs import RootWalk, log_transition_matrix, log_walk_matrix, reweigh
-from poseppl_papers.peursum.factored_gibbs import Draw, gibbs
 from poseppl_papers.peursum.factored_mean_field import mean_field, start_marginals
-from poseppl_papers.peursum.posture import posture_error
-from poseppl_papers.peursum.tracks import Track, frames_of, posture_of, run_track
-from poseppl_papers.peursum.training import trained_file
+from poseppl_papers.peursum.scenes import trained_file
+from poseppl_papers.peursum.tracks import Track, frames_of, posture_error, posture_of, run_track
 from poseppl_papers.recordings import Recording
-from poseppl_papers.runs import stacked
+from poseppl_papers.runs import finished, stacked
 
 ALGORITHMS = ("filter", "FBS", "variational", "Gibbs")
 STAGES = ("filter", "FBS", "mixture", "variational", "Gibbs")

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from poseppl_papers.experiment import Experiment, Part, Tables
-from poseppl_papers.sminchisescu_triggs.claims import SCENES, claims
-from poseppl_papers.sminchisescu_triggs.covariance_claims import BODIES_ARE
-from poseppl_papers.sminchisescu_triggs.modes import modes_found
+from poseppl_papers.sminchisescu_triggs.claims import BODIES_ARE, SCENES, claims
 from poseppl_papers.sminchisescu_triggs.one_picture import sizes_table
 from poseppl_papers.sminchisescu_triggs.plan import (
     FULL,
@@ -22,8 +20,8 @@ from poseppl_papers.sminchisescu_triggs.plan import (
     plan_sizes,
     plan_spectra,
 )
-from poseppl_papers.sminchisescu_triggs.spectra import draw_spectra, spectra_table
-from poseppl_papers.sminchisescu_triggs.tabulate import LOSSES, losses, runs_table
+from poseppl_papers.sminchisescu_triggs.spectra import draw_spectra, modes_found, spectra_table
+from poseppl_papers.sminchisescu_triggs.survival import LOSSES, losses, runs_table
 from poseppl_papers.tables import markdown
 
 _SETTING = (

@@ -124,7 +124,7 @@ def _track_one(job: Pictures, seed: int) -> dict[str, float]:
     filmed = film(job.rate, job.seconds, job.cluttered, seed)
     body = filmed.body
     rows = [body.tree.marker_names.index(name) for name in _ARM]
-    program = load_builder("poseppl_models.sminchisescu_triggs.image:image_programs")("arm")
+    program = load_builder("poseppl_models.sminchisescu_triggs.programs:image_programs")("arm")
     first = _inputs(job, filmed, 0, filmed.states[0])
     model = program.compile(first, {})
     observation = model.observe({name: np.zeros(site.shape) for name, site in model.observation_sites.items()})
@@ -143,7 +143,7 @@ def _track_one(job: Pictures, seed: int) -> dict[str, float]:
 def _inputs(job: Pictures, filmed: Filmed, frame: int, previous: Any) -> BodyInputs:
     """Inputs of a frame, given the pose in the one before."""
     names = ("seen_in_images", "at_levels", "cost_noise")
-    see, at_levels, noise = (load_builder(f"poseppl_models.sminchisescu_triggs.image:{name}") for name in names)
+    see, at_levels, noise = (load_builder(f"poseppl_models.sminchisescu_triggs.programs:{name}") for name in names)
     before = [filmed.pictures[frame - 1]] if frame else None
     seen = see([filmed.pictures[frame]], previous, before, levels=LEVELS)
     body = filmed.body

@@ -10,9 +10,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.bodies.humanoid import anthropometric_prior
+from poseppl_models.bodies.anthropometry import anthropometric_prior
 from poseppl_models.sminchisescu_triggs.body import superquadric_body
-from poseppl_models.sminchisescu_triggs.image import cost_noise, seen_in_images
+from poseppl_models.sminchisescu_triggs.programs import cost_noise, seen_in_images
 from poseppl_models.sminchisescu_triggs.sizes import SIZES, SizeInputs, size_programs
 
 from poseppl.arrays import Floats

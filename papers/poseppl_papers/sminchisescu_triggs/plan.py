@@ -10,9 +10,8 @@ from poseppl.motion.io import read_motion
 from poseppl_papers.experiment import Task
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.sminchisescu_triggs.images import Pictures, track_pictures
-from poseppl_papers.sminchisescu_triggs.motions import BEGIN
+from poseppl_papers.sminchisescu_triggs.motions import BEGIN, MOTIONS
 from poseppl_papers.sminchisescu_triggs.one_picture import OnePicture, measure_people
-from poseppl_papers.sminchisescu_triggs.reflections import MOTIONS
 from poseppl_papers.sminchisescu_triggs.spectra import plan_of, spectra
 from poseppl_papers.sminchisescu_triggs.trackers import JUMPS, OURS, OURS_LIMITED, PUBLISHED, TRACKERS
 from poseppl_papers.sminchisescu_triggs.tracks import Tracks, track

@@ -24,8 +24,7 @@ from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.runs import stacked
-from poseppl_papers.sminchisescu_triggs.motions import BEGIN, Moving, moving
-from poseppl_papers.sminchisescu_triggs.reflections import axis_of_motion
+from poseppl_papers.sminchisescu_triggs.motions import BEGIN, Moving, axis_of_motion, moving
 from poseppl_papers.sminchisescu_triggs.survival import lost_at
 from poseppl_papers.sminchisescu_triggs.trackers import TRACKERS, Tracker, search_settings
 
@@ -242,8 +241,8 @@ def _compiled_steps(built: Filter) -> tuple[Any, Any]:
 
 def compiled_model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
     """Inputs of every frame, and the compiled model."""
-    programs = load_builder("poseppl_models.sminchisescu_triggs.points:point_programs")
-    make_inputs = load_builder("poseppl_models.sminchisescu_triggs.points:point_inputs")
+    programs = load_builder("poseppl_models.sminchisescu_triggs.programs:point_programs")
+    make_inputs = load_builder("poseppl_models.sminchisescu_triggs.programs:point_inputs")
     body = scene.motion.body
     start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
     step = step * tracker.noise**0.5 if tracker.particles else step

@@ -2,7 +2,7 @@
 
 Each file beside this one has the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
 those that :func:`verdicts` makes of any result. A check that cannot judge a result yields `not_run`. A package with checks of
-its own is listed in `extensions`, and has its own `CHECKS` in its module `verdicts`.
+its own is listed in :mod:`poseppl.diagnostics.diagnosis`, and has its own `CHECKS` in its module `verdicts`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import xarray as xr
 
-from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.extensions import extension_of
+from poseppl.diagnostics.diagnosis import diagnosed, extension_of
 from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
+from poseppl.diagnostics.verdicts.consistency import (
+    check_intervals as check_intervals,
+    check_updates as check_updates,
+    smoothing,
+    updates,
+)
 from poseppl.diagnostics.verdicts.coverage import coverage, forecasts
-from poseppl.diagnostics.verdicts.particles import degeneracy, mode_seeking
+from poseppl.diagnostics.verdicts.particles import degeneracy, failures, missing, mode_seeking, run_warnings
 from poseppl.diagnostics.verdicts.predictive import (
     check_predictions as check_predictions,
     check_unreached as check_unreached,
@@ -23,13 +28,6 @@ from poseppl.diagnostics.verdicts.predictive import (
     prediction,
     unreached,
 )
-from poseppl.diagnostics.verdicts.smoothing import smoothing
-from poseppl.diagnostics.verdicts.updates import (
-    check_intervals as check_intervals,
-    check_updates as check_updates,
-    updates,
-)
-from poseppl.diagnostics.verdicts.validity import failures, missing, run_warnings
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,
     INFO as INFO,

@@ -9,8 +9,8 @@ import xarray as xr
 
 from poseppl.arrays import Booleans
 from poseppl.diagnostics.efficiency import RHAT_HIGH, RHAT_SHARE, disagreement
-from poseppl.diagnostics.evidence import NONE, evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
+from poseppl.diagnostics.replicates import NONE, evidence_words
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration

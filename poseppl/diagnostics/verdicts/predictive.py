@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from poseppl.diagnostics.few_points import finite_sample_inflation
 from poseppl.diagnostics.predictive import PredictiveFigures, farthest_stretch, implied_coverage, predictive_figures
 from poseppl.diagnostics.smoothing import fits_model
-from poseppl.diagnostics.unreached import weakly_observed_stats
+from poseppl.diagnostics.unreached import finite_sample_inflation, weakly_observed_stats
 from poseppl.diagnostics.verdicts.coverage import Calibration, calibration
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.verdict import (

@@ -3,7 +3,7 @@ r"""Covariance scaled sampling: a tracker of several modes (Sminchisescu and Tri
 The posterior of a frame is a mixture of K Gaussians (c_i, mu_i, S_i), one for each mode that was found. Each goes through the
 transition, linearised at its mean, and the result is the next frame's prior, section 3.4. From every mode of the prior starts
 are drawn along its most uncertain directions, farther out than its covariance reaches
-(:mod:`poseppl.kernels.mode_proposals`), and climb to modes of
+(:mod:`poseppl.kernels.mode_search`), and climb to modes of
 
     p(z_t | x) max_i c_i N(x; m_i, P_i)
 
@@ -39,8 +39,7 @@ from poseppl.filters.base import Filter, FilterInfo, check_noise, filter_info, f
 from poseppl.filters.published.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
-from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_scaled, dynamic_noise
-from poseppl.kernels.mode_search import ModeSearchResult, search_modes
+from poseppl.kernels.mode_search import ModeProposal, ModeSearchResult, Pattern, covariance_scaled, dynamic_noise, search_modes
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.bounded import Bounded, bounded
 from poseppl.program.memoized_builder import memoized_builder

@@ -13,10 +13,10 @@ from jax import Array
 from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linearisation import linearise, predict
 from poseppl.gaussians.mixture import GaussianMixture, factorise_mixture, log_mixture, log_mixture_terms, mixture_curvature
-from poseppl.kernels import truncation
+from poseppl.kernels import face_laplace
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.face_laplace import FaceModes
-from poseppl.kernels.mode_proposals import ModeProposal
+from poseppl.kernels.mode_search import ModeProposal
 from poseppl.kernels.trust_region import Curvature, LogDensity
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel
@@ -128,7 +128,7 @@ def _draw_inside(rng_key: Array, found: FaceModes, constraints: Constraints, noi
     # what the Gaussian has of each distance is taken away, and that of the cut density put in its place
     normals = jax.vmap(constraints.normals)(found.states) * found.active[..., None]
     distance = -jnp.einsum("nij,nj->ni", normals[chosen], offset)
-    cut = truncation.draw(rng_key, found.slopes[chosen], found.inner_curvatures[chosen], 1)[0]
+    cut = face_laplace.draw(rng_key, found.slopes[chosen], found.inner_curvatures[chosen], 1)[0]
     inward = jnp.where(found.active[chosen], cut - distance, 0.0)
     return found.states[chosen] + offset + jnp.einsum("nij,nj->ni", found.inward[chosen], inward)
 

@@ -248,3 +248,33 @@ def source_of_model(name: str) -> str | None:
 def entry_point_builders() -> dict[str, str]:
     """``package.module:builder`` by the name of the entry point."""
     return {entry.name: entry.value for entry in entry_points(group=_GROUP)}
+
+
+class PointInputs(NamedTuple):
+    """Inputs of the programs at one frame, of K points in C cameras with L links.
+
+    Attributes:
+        cameras: The cameras.
+        magnification: (C,) pixels that a unit of length has at the points.
+        window: (C, 2) width and height of the pictures.
+        logit: (C, K) of the detector's confidence.
+        elapsed: Seconds () since the frame before.
+        freedom: Degrees of freedom () of the errors that do not last.
+        start: (K, 3) about where the points are at first.
+        start_scale: Standard deviation () of that.
+        length: (L,) prior mean of the links' lengths.
+        length_scale: (L,) its standard deviation.
+        tolerance: (L,) standard deviation of a distance around its length.
+    """
+
+    cameras: Any
+    magnification: Any
+    window: Any
+    logit: Any
+    elapsed: Any
+    freedom: Any
+    start: Any
+    start_scale: Any
+    length: Any
+    length_scale: Any
+    tolerance: Any

@@ -13,7 +13,7 @@ from poseppl.errors import Argument, InputError, Phrase, brief
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
 from poseppl.motion.io.motion import Motion
-from poseppl.motion.io.name_matching import folded, without_namespace, without_prefixes
+from poseppl.motion.io.names import folded, without_namespace, without_prefixes
 from poseppl.motion.io.text_parsing import some
 
 
@@ -58,7 +58,7 @@ def match_markers(
         names: The K markers.
         aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
             missing where one of them is. If a recording has no name of a marker exactly, names are compared without prefixes,
-            case and punctuation (:mod:`poseppl.motion.io.name_matching`). One point is one marker, the first that it fits.
+            case and punctuation (:mod:`poseppl.motion.io.names`). One point is one marker, the first that it fits.
         given: For some markers the points whose mean they are, in place of the aliases.
 
     Returns:

@@ -1,4 +1,4 @@
-r"""Kinematic jumps: other poses of the limbs that look the same to a camera.
+"""Kinematic jumps, other poses of the limbs that look the same to a camera, and on which side a hinge is bent.
 
 A limb has two bones, from a ball joint at a over a hinge at b to an end at c. It looks the same whether each bone leans towards
 the camera or away (Sminchisescu and Triggs 2001, section 1.2, and 2003, doi:10.1109/CVPR.2003.1211339). The line of sight of b
@@ -11,6 +11,9 @@ for a distant camera b mirrored about the image plane through a. The hinge's ang
 of the two solutions, the one on the hinge's former side. The ball's rotation follows from the triangle a, b, c. Each such
 limb has three poses beside its own; one of a single bone, such as a head, has one, by the shortest turn. A line of
 sight that misses a sphere leaves the bone pointing to the point of the sphere that is nearest to it.
+
+A pose without joint limits may be either, or change from one to the other
+where the limb is straight. People have the pose whose limb bends to the same side as at rest.
 """
 
 from __future__ import annotations
@@ -23,9 +26,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.compilation import jit_lightly
 from poseppl.motion.geometry.cameras import Cameras
 from poseppl.motion.geometry.kinematics import Frames, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
+from poseppl.particles.weights import weighted_mean
 
 _STRAIGHT = 1e-3
 """Sine of the angle between two bones below which a limb counts as straight: its twist then stays what it was."""
@@ -219,3 +224,31 @@ def _euler_angles(rotation: Array, before: Array) -> Array:
 def _near(angles: Array, before: Array) -> Array:
     """Angles within half a turn of those before."""
     return angles - 2 * jnp.pi * jnp.round((angles - before) / (2 * jnp.pi))
+
+
+@jit_lightly
+def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights: Array) -> Array:
+    """The same places of all joints, each hinge of a limb bent to its side at rest.
+
+    Args:
+        tree: Its limbs (:func:`poseppl.motion.geometry.kinematic_jumps.limbs_of`) are concerned.
+        rest: The rest pose (d,), radians; a hinge that is straight there has no side, and is left unchanged.
+        states: Draws (T, N, d).
+        log_weights: Log-weights of the draws (T, N). Angles of a ball joint are those nearest to the weighted mean of the
+        frame before.
+    """
+    limbs = [limb for limb in limbs_of(tree) if limb.hinge is not None]
+    last = jax.tree.map(lambda leaf: leaf[..., None], tree)
+
+    def bent(state: Array, frames: Frames, before: Array) -> Array:
+        for limb in limbs:
+            state = mirrored_bend(tree, limb, state, frames, rest, before[np.array(tree.angle_index[limb.ball])])
+        return state
+
+    def frame(before: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        drawn, log_weight = now
+        moved = jax.vmap(bent, in_axes=(0, -1, None))(drawn, frames_of(last, drawn.T), before)
+        return weighted_mean(moved, log_weight), moved
+
+    whole: Array = jax.lax.scan(frame, rest.astype(states.dtype), (states, log_weights))[1]
+    return whole

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_text
-from poseppl.files.csv_reading import Line
+from poseppl.files.csv_fields import Line
 from poseppl.motion.io.text_parsing import lines_of_words, parse_number, parse_numbers
 
 MM_PER_INCH = 25.4

@@ -1,4 +1,4 @@
-"""BioVision hierarchy (BVH) recordings.
+"""BioVision hierarchy (BVH) recordings, read and written.
 
     p_child = p_parent + R_parent t_child,    R_child = R_parent Q_child,    Q = the product of the rotations as listed.
 
@@ -13,21 +13,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
+from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.files.csv_reading import Line
+from poseppl.files.csv_fields import Line
 from poseppl.motion.io.motion import Motion, joint_positions, z_up
 from poseppl.motion.io.text_parsing import lines_of_words, number_rows, parse_number, parse_numbers
-from poseppl.motion.io.vertical_axis import vertical_axis
+from poseppl.motion.io.units_and_axes import vertical_axis
 
-UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
+_UNITS_BY_RANK = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
 MAX_JOINTS = 500
 MAX_POINTS = 5_000_000
@@ -95,7 +97,7 @@ def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = Non
 def _guess_scale(path: FilePath, height: float) -> float:
     if not height > 1e-6:
         raise Location(path, field="scale").error("the skeleton has no height to guess its unit from", "mm a unit")
-    return min(UNITS_MM, key=lambda unit: abs(math.log(unit * height / TYPICAL_HEIGHT_MM)))
+    return min(_UNITS_BY_RANK, key=lambda unit: abs(math.log(unit * height / TYPICAL_HEIGHT_MM)))
 
 
 def _read_hierarchy(path: FilePath, lines: Iterator[Line]) -> list[_Joint]:
@@ -186,3 +188,65 @@ def _read_motion(path: FilePath, lines: Iterator[Line], joints: list[_Joint]) ->
     whole = round(1 / seconds)  # most files have six digits of the time: 0.033333 for 30 frames a second
     rate = float(whole) if whole and abs(1 / whole - seconds) < 1e-4 * seconds else 1 / seconds
     return values, rate
+
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+"""Units of length by name, mm."""
+_CHANNELS = "Zrotation Xrotation Yrotation"
+
+
+class BvhJoint(NamedTuple):
+    """A joint.
+
+    Attributes:
+        name: Its name, without white space.
+        parent: Index of the joint above, which comes first; -1 for the root.
+        offset: From the joint above (3,), mm, Y up.
+        ends: Offsets (3,) of the limb's ends, mm, Y up.
+    """
+
+    name: str
+    parent: int
+    offset: Floats
+    ends: Sequence[Floats] = ()
+
+
+def write_bvh(path: FilePath, joints: Sequence[BvhJoint], turns: Floats, root: Floats, rate: float, unit: str = "cm") -> None:
+    """Write a motion.
+
+    Args:
+        path: The .bvh file, overwritten if it exists.
+        joints: J joints, the root first.
+        turns: (T, J, 3, 3) rotations of each joint relative to the one above, Y up.
+        root: (T, 3) places of the root, mm, Y up.
+        rate: Frames a second.
+        unit: Unit of lengths in the file: "mm", "cm" or "m".
+
+    Raises:
+        InputError: The file cannot be written.
+        PosepplError: The disk is full.
+    """
+    scale, lines, order = UNITS_MM[unit], ["HIERARCHY"], list[int]()
+
+    def write(index: int, depth: int) -> None:
+        joint, pad = joints[index], "  " * depth
+        order.append(index)
+        channels = f"6 Xposition Yposition Zposition {_CHANNELS}" if joint.parent < 0 else f"3 {_CHANNELS}"
+        lines.extend([f"{pad}{'ROOT' if joint.parent < 0 else 'JOINT'} {joint.name}", f"{pad}{{"])
+        lines.extend([f"{pad}  OFFSET {_decimals(joint.offset / scale)}", f"{pad}  CHANNELS {channels}"])
+        for child, other in enumerate(joints):
+            if other.parent == index:
+                write(child, depth + 1)
+        for end in joint.ends:
+            lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET {_decimals(end / scale)}", f"{pad}  }}"])
+        lines.append(f"{pad}}}")
+
+    write(0, 0)
+    angles = Rotation.from_matrix(turns[:, order].reshape(-1, 3, 3)).as_euler("ZXY", degrees=True)
+    rows = np.concatenate([root / scale, angles.reshape(len(turns), -1)], 1)
+    lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / rate:.9g}", *map(_decimals, rows)]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _decimals(values: Floats) -> str:
+    return " ".join(f"{value:.6f}" for value in values)

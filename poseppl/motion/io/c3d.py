@@ -1,4 +1,4 @@
-"""Marker trajectories of optical motion capture (C3D).
+"""Marker trajectories of optical motion capture (C3D): read here, written through the library ezc3d.
 
 Only real markers are kept. The reader leaves out the channels that POINT:ANGLES, FORCES, MOMENTS, POWERS and the like list,
 unlabelled trajectories ("*12"), and points without data in any frame. It also leaves out the segment frames that Plug-in Gait
@@ -7,16 +7,19 @@ stores as four points each (LFEO, LFEA, LFEL, LFEP), and its centre of mass.
 
 from __future__ import annotations
 
+import importlib.util
+import warnings
+from typing import Any
+
 import numpy as np
 
-from poseppl.arrays import Floats
-from poseppl.errors import Argument, FilePath, Location, Phrase, brief
-from poseppl.motion.io.c3d_layout import MAX_POINTS, Layout, Parameters, read_layout
-from poseppl.motion.io.c3d_numbers import real_numbers, whole_numbers
-from poseppl.motion.io.length_units import mm_per_unit
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import Argument, FilePath, Location, Phrase, PosepplError, brief
+from poseppl.files.atomic_writing import atomic_path
+from poseppl.motion.io.c3d_layout import MAX_POINTS, Layout, Parameters, read_layout, real_numbers, whole_numbers
 from poseppl.motion.io.motion import Motion, z_up
 from poseppl.motion.io.text_parsing import LARGEST, check_distinct
-from poseppl.motion.io.vertical_axis import AXES, vertical_axis
+from poseppl.motion.io.units_and_axes import AXES, mm_per_unit, vertical_axis
 
 _MODELLED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS", "BONES")
 
@@ -98,3 +101,62 @@ def _clean(at: Location, positions: Floats) -> Floats:
         raise at.in_field("data").error("a position is infinite or beyond 1e9 mm")
     # A marker is seen or not: one missing coordinate takes the others with it.
     return np.where(np.isfinite(positions).all(axis=-1, keepdims=True), positions, np.nan)
+
+
+MAX_WRITTEN_POINTS, MAX_FRAMES = 255, 65_535
+"""Largest number that the format's header can store, with one parameter of names."""
+LEVELS = 250
+"""A residual is a byte, in units of the file's own: the largest one has this many."""
+
+
+def write_c3d(path: FilePath, motion: Motion, spread: Floats, frames: Integers) -> None:
+    """Write the points of a motion, Z up, in mm.
+
+    Args:
+        path: The .c3d file, overwritten if it exists.
+        motion: The motion, Z up, in mm. A point that is NaN in a frame becomes a gap: NaN, residual -1, as ezc3d has it.
+        spread: (T, J) mm, the residuals, which are kept to a 250th of the largest.
+        frames: (T,) frame numbers; the first is the file's first.
+
+    Raises:
+        InputError: There are more points or frames than the format holds, or the file cannot be written.
+        PosepplError: ezc3d is not installed, or the disk is full.
+    """
+    ezc3d = load_ezc3d()
+    count, points = motion.positions.shape[:2]
+    if points > MAX_WRITTEN_POINTS or not 0 < count <= MAX_FRAMES:
+        expected = f"at most {MAX_WRITTEN_POINTS} points and {MAX_FRAMES} frames in a C3D file"
+        raise Location(path).error(f"{points} points in {count} frames", expected)
+    seen = np.asarray(np.isfinite(motion.positions).all(-1))
+    residuals = np.where(seen & np.isfinite(spread), spread, 0.0)
+    unit = max(float(residuals.max()) / LEVELS, 1e-3)
+    places = np.where(seen[..., None], motion.positions, np.nan)
+    file = ezc3d.c3d()
+    file["header"]["points"]["first_frame"] = int(max(frames[0], 0))
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"] = [float(motion.rate)]
+    point["LABELS"]["value"] = list(motion.names)
+    point["UNITS"]["value"] = ["mm"]
+    point["SCALE"]["value"] = [-unit]
+    file.add_parameter("POINT", "X_SCREEN", ["+X"])
+    file.add_parameter("POINT", "Y_SCREEN", ["+Z"])
+    homogeneous = np.concatenate([places, np.ones((count, points, 1))], -1)
+    file["data"]["points"] = np.moveaxis(homogeneous, (0, 1, 2), (2, 1, 0))
+    whole = (np.round(residuals / unit) + 0.25) * unit  # ezc3d cuts off what is after the point
+    file["data"]["meta_points"]["residuals"] = np.where(seen, whole, -1.0).T[None]
+    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, points, count), dtype=bool)
+    with atomic_path(path) as temporary:
+        file.write(str(temporary))
+
+
+def load_ezc3d() -> Any:
+    """The library ezc3d, imported where its warnings are no errors: ezc3d 1.5 crashes where they are.
+
+    Raises:
+        PosepplError: It is not installed.
+    """
+    if importlib.util.find_spec("ezc3d") is None:
+        raise PosepplError("writing .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return importlib.import_module("ezc3d")

@@ -1,7 +1,8 @@
-"""Layout of a C3D file: header and parameters, and where its data are.
+"""Layout and numbers of a C3D file: header and parameters, where its data are, and what processor wrote them.
 
-A C3D file has a header block, a parameter section and a data section, tied together by block numbers and byte
-counts that a damaged file gets wrong. Everything that a reader would follow is checked against the size of the file here.
+A C3D file has a header block, a parameter section and a data section, tied together by block numbers and byte counts that a
+damaged file gets wrong. Everything that a reader would follow is checked against the size of the file here. Numbers are those
+of Intel, DEC (VAX: halves exchanged, and an exponent that is greater by 2) and MIPS (big-endian).
 
 Source: The C3D File Format, Motion Lab Systems, https://www.c3d.org.
 """
@@ -12,9 +13,11 @@ import math
 import struct
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_bytes
-from poseppl.motion.io.c3d_numbers import PROCESSORS, real_numbers, whole_numbers
 
 BLOCK = 512
 MAX_BYTES = 256 * 2**20
@@ -220,3 +223,22 @@ def _stored(at: Location, words: tuple[int, ...], parameters: Parameters, data: 
     if values > MAX_VALUES:
         raise at.in_field("data").error(f"{values} values", f"at most {MAX_VALUES}")
     return data[start : start + values * width]
+
+
+PROCESSORS = INTEL, DEC, MIPS = 84, 85, 86
+_EXPONENT = 0x7F800000
+
+
+def whole_numbers(data: bytes, processor: int) -> NDArray[Any]:
+    """Whole numbers of 16 bits, without sign."""
+    return np.frombuffer(data, ">u2" if processor == MIPS else "<u2").astype(np.uint16)
+
+
+def real_numbers(data: bytes, processor: int) -> NDArray[Any]:
+    """Floating-point numbers of 32 bits."""
+    if processor != DEC:
+        return np.frombuffer(data, ">f4" if processor == MIPS else "<f4").astype(np.float32)
+    halves = np.frombuffer(data, "<u4")
+    number = (halves >> np.uint32(16)) | (halves << np.uint32(16))
+    ordinary = (number & np.uint32(_EXPONENT)) > np.uint32(2 << 23)  # what is smaller is 0 to a float of 32 bits
+    return np.where(ordinary, number - np.uint32(2 << 23) * ordinary.astype(np.uint32), 0).astype(np.uint32).view(np.float32)

@@ -1,6 +1,6 @@
-"""Calibrated cameras as TOML.
+"""Calibrated cameras: TOML, read and written, OpenCap's pickles, and the door to all other formats.
 
-Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation`` take world points to the camera's axes
+Our TOML has one table a camera; lengths in mm, ``rotation`` and ``translation`` take world points to the camera's axes
 (x right, y down, z forward), x_camera = R x_world + t:
 
     units = "mm"
@@ -12,9 +12,8 @@ Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation
     rotation = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     translation = [0.0, 1000.0, 5000.0]
 
-Other formats are XML of Qualisys, Vicon (.xcp) and OptiTrack (.mcal) (:mod:`~poseppl.motion.io.cameras_qualisys`,
-:mod:`~poseppl.motion.io.cameras_vicon`, :mod:`~poseppl.motion.io.cameras_optitrack`), OpenCV's YAML and EasyMocap's pair of
-files (:mod:`~poseppl.motion.io.cameras_yaml`), and OpenCap's pickles (:mod:`~poseppl.motion.io.cameras_opencap`). TOML may have
+Other formats are XML of Qualisys, Vicon (.xcp) and OptiTrack (.mcal) (:mod:`~poseppl.motion.io.cameras_xml`), and OpenCV's YAML
+and EasyMocap's pair of files (:mod:`~poseppl.motion.io.cameras_yaml`). TOML may have
 the tables of anipose and Pose2Sim, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a rotation vector. It may
 also have those of Caliscope, ``[cameras.0]``, whose ``rotation`` may be a matrix. Both are in metres unless ``units`` says
 otherwise. Distortion coefficients are those of OpenCV, see :class:`~poseppl.motion.io.camera_fields.CameraRecord`.
@@ -23,32 +22,32 @@ otherwise. Distortion coefficients are those of OpenCV, see :class:`~poseppl.mot
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from poseppl.errors import Argument, FilePath, InputError, Location, brief
 from poseppl.files.atomic_writing import write_atomically
-from poseppl.files.bounded_reading import read_bytes, read_xml
+from poseppl.files.bounded_reading import read_bytes, read_toml, read_xml
+from poseppl.files.plain_pickle import plain_of_pickle
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS as MAX_CAMERAS,
     Calibration as Calibration,
     CameraRecord as CameraRecord,
+    Field,
+    camera_of_fields,
+    image_size,
     scaled,
     with_size,
     with_z_up,
 )
-from poseppl.motion.io.cameras_opencap import SUFFIXES as PICKLES, read_opencap_camera
-from poseppl.motion.io.cameras_optitrack import optitrack_cameras
-from poseppl.motion.io.cameras_qualisys import qualisys_cameras
-from poseppl.motion.io.cameras_toml import read_toml_cameras
-from poseppl.motion.io.cameras_vicon import vicon_cameras
-from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, read_opencv_camera
-from poseppl.motion.io.length_units import MM_PER_UNIT
-from poseppl.motion.io.text_parsing import check_distinct, parse_number
-from poseppl.motion.io.vertical_axis import check_axis
+from poseppl.motion.io.cameras_xml import optitrack_cameras, qualisys_cameras, vicon_cameras
+from poseppl.motion.io.cameras_yaml import YAMLS, read_easymocap, read_opencv_camera
+from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
+from poseppl.motion.io.units_and_axes import MM_PER_UNIT, check_axis, mm_per_unit
 from poseppl.motion.settings import CameraFiles
 
 _ASSUMED = "m"
@@ -207,3 +206,111 @@ def quoted(text: str) -> str:
     """A TOML string; what is no Unicode, as a file's name may be, becomes question marks."""
     known = text.encode("utf-8", "replace").decode("utf-8")
     return json.dumps(known, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def read_toml_cameras(path: FilePath) -> Calibration:
+    """Read the cameras of a TOML file.
+
+    Raises:
+        InputError: The file is no TOML, holds no camera, or a field is missing or malformed; the message names the field.
+    """
+    document, at = read_toml(path), Location(path)
+    ours = document.get("camera")
+    prefix, tables = _tables(document)
+    if not tables or len(tables) > MAX_CAMERAS:
+        raise at.error("the file has no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
+    unit = _unit(document, "mm" if ours is not None else "m" if prefix == "cameras." else None)
+    scale = mm_per_unit(unit or "m", at.in_field("units"))
+    cameras = tuple(
+        _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
+    )
+    check_distinct([camera.name for camera in cameras], "cameras", at.in_field("name"))
+    return Calibration(cameras, unit)
+
+
+def _tables(document: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The tables of the cameras by name, and what stands before their names."""
+    for key in ("camera", "cameras"):
+        group = document.get(key)
+        if group is not None and not (isinstance(group, dict) and "matrix" in group):
+            known = group if isinstance(group, dict) else {}
+            # Caliscope keeps excluded cameras, without a pose.
+            return f"{key}.", known if key == "camera" else {
+                name: table for name, table in known.items() if not _ignored(table)
+            }
+    return "", {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+
+
+def _ignored(table: object) -> bool:
+    return isinstance(table, dict) and table.get("ignore") is True
+
+
+def _unit(document: Mapping[str, Any], default: str | None) -> Any:
+    metadata = document.get("metadata")
+    unit = document.get("units", metadata.get("units") if isinstance(metadata, dict) else None)
+    return default if unit is None else unit
+
+
+def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -> CameraRecord:
+    longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
+    if longest > LONGEST:
+        raise at.in_field(str(at.field)).error(f"a name of {longest} characters", f"at most {LONGEST}")
+    if not isinstance(table, dict):
+        raise at.error("not a table", f"[{at.field}]")
+
+    def of(field: str) -> Location:
+        return at.in_field(f"{at.field}.{field}")
+
+    fisheye = table.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise of("fisheye").error(brief(fisheye), "true or false")
+    known = {"name", "size", "matrix", "distortion", "distortions", "rotation", "translation", "fisheye"}
+    unknown = sorted(set(table) - known - {"moving", "framerate"}) if strict else []
+    if unknown:
+        raise of(unknown[0]).error("unknown field", ", ".join(sorted(known)))
+    name = table.get("name", key)
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
+        raise of("name").error("not a name", f"a text of at most {LONGEST} characters")
+    fields = {field: (of(field), table.get(field)) for field in ("matrix", "rotation", "translation", "size")}
+    distortion = "distortions" if "distortions" in table else "distortion"
+    fields["distortion"] = of(distortion), table.get(distortion)
+    return scaled(camera_of_fields(name, **fields, fisheye=fisheye), scale)
+
+
+PICKLES = (".pickle", ".pkl")
+_GENERIC = "cameraIntrinsicsExtrinsics"
+
+
+def read_opencap_camera(path: FilePath) -> CameraRecord:
+    """Read one camera, named after its file, or its folder where the file has OpenCap's own name.
+
+    The file, ``Videos/Cam0/cameraIntrinsicsExtrinsics.pickle``, holds ``intrinsicMat`` (3 x 3), ``distortion`` (5),
+    ``imageSize`` (height, width), ``rotation`` (3 x 3) and ``translation``, mm. Nothing of the pickle is run, see
+    :mod:`poseppl.files.plain_pickle`.
+
+    Raises:
+        InputError: The file holds anything but plain values, or a field is missing or malformed.
+    """
+    at = Location(path)
+    fields = plain_of_pickle(read_bytes(path, max_bytes=2**20), at)
+    if not isinstance(fields, dict):
+        raise at.error("no camera", "OpenCap's cameraIntrinsicsExtrinsics.pickle")
+
+    def of(name: str) -> Field:
+        if name not in fields:
+            raise at.in_field(name).error("the field is missing")
+        value = fields[name]
+        return at.in_field(name), value.tolist() if isinstance(value, np.ndarray) else value
+
+    where, size = of("imageSize")
+    height, width = image_size(where, size)
+    stem = Path(path).stem
+    name = Path(path).resolve().parent.name if stem == _GENERIC else stem.removesuffix("_" + _GENERIC)
+    return camera_of_fields(
+        name or "camera",
+        matrix=of("intrinsicMat"),
+        distortion=of("distortion"),
+        rotation=of("rotation"),
+        translation=of("translation"),
+        size=(where, [width, height]),
+    )

@@ -9,23 +9,17 @@ from typing import Any
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, Phrase, brief
 from poseppl.files.bounded_reading import read_bytes
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
-from poseppl.motion.io import mmpose, openpose
-from poseppl.motion.io.alphapose import read_alphapose
-from poseppl.motion.io.caliscope import read_caliscope_points
-from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
-from poseppl.motion.io.deeplabcut_h5 import read_deeplabcut_h5
+from poseppl.motion.io import json_detectors
+from poseppl.motion.io.deeplabcut import read_deeplabcut_csv, read_deeplabcut_h5
 from poseppl.motion.io.detections import DetectedPeople
-from poseppl.motion.io.freemocap import read_freemocap
+from poseppl.motion.io.detector_arrays import read_freemocap, read_sleap
+from poseppl.motion.io.detector_tables import read_caliscope_points, read_ultralytics
+from poseppl.motion.io.json_detectors import is_vitpose, read_alphapose, read_mmpose, read_openpose, read_vitpose
 from poseppl.motion.io.json_people import numbered_files, read_json
-from poseppl.motion.io.layout_guess import check_layout
+from poseppl.motion.io.keypoint_layouts import check_layout
 from poseppl.motion.io.mediapipe import read_mediapipe
-from poseppl.motion.io.mmpose import read_mmpose
-from poseppl.motion.io.openpose import read_openpose
-from poseppl.motion.io.sleap import read_sleap
-from poseppl.motion.io.ultralytics import read_ultralytics
-from poseppl.motion.io.vitpose import is_vitpose, read_vitpose
 
 DETECTORS: Mapping[str, str] = {
     "openpose": "a folder of OpenPose's JSON files, one a frame",
@@ -105,8 +99,8 @@ def read_frame(path: FilePath, detector: str | None = None) -> list[Floats]:
     """
     document, at = read_json(path), Location(path)
     if detector == "openpose" or (detector is None and _is_openpose(document)):
-        return openpose.people_of_document(document, at)
-    return mmpose.people_of_document(document, at)
+        return json_detectors.openpose_people(document, at)
+    return json_detectors.mmpose_people(document, at)
 
 
 def detector_of(path: FilePath) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, Location, cut
 from poseppl.files.bounded_reading import check_file
-from poseppl.files.npz_reading import part_header, read_part
+from poseppl.files.numpy_arrays import part_header, read_part
 from poseppl.motion.io.opencv import Image, to_rgb
 from poseppl.motion.io.video import Video, digest_of_files, open_video
 

@@ -24,11 +24,10 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief
-from poseppl.files.csv_reading import rows_of_csv
+from poseppl.files.csv_fields import rows_of_csv
 from poseppl.motion.io.detections import MAX_PEOPLE, DetectedPeople
 from poseppl.motion.io.json_people import frame_number, number, read_json, same_points
-from poseppl.motion.io.keypoint_layouts import LAYOUTS, plain_name
-from poseppl.motion.io.layout_guess import with_layout
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, plain_name, with_layout
 from poseppl.motion.io.text_parsing import parse_number
 
 NAMES = LAYOUTS["mediapipe33"]

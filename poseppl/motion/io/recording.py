@@ -10,11 +10,10 @@ from poseppl.motion.io.amc import CMU_RATE, read_amc
 from poseppl.motion.io.asf import read_asf
 from poseppl.motion.io.bvh import read_bvh
 from poseppl.motion.io.c3d import read_c3d
-from poseppl.motion.io.deepmimic import read_deepmimic
-from poseppl.motion.io.exponential_maps import read_exponential_maps
+from poseppl.motion.io.json_skeletons import read_deepmimic, read_exponential_maps
 from poseppl.motion.io.motion import Motion
 from poseppl.motion.io.trc import read_trc
-from poseppl.motion.io.vertical_axis import check_axis
+from poseppl.motion.io.units_and_axes import check_axis
 
 SUFFIXES = (".amc", ".bvh", ".c3d", ".trc", ".txt")
 
@@ -35,7 +34,7 @@ def read_motion(
         rate: Frames a second of an .amc file or of exponential maps, which do not tell it; 120 by default.
         scale: Millimetres a unit of a .bvh file, which does not tell it; guessed from the skeleton's height by default.
         up: The axis that points up in a .bvh, .c3d or .trc file, one of `AXES`; found by default
-            (:mod:`~poseppl.motion.io.vertical_axis`).
+            (:mod:`~poseppl.motion.io.units_and_axes`).
 
     Returns:
         The motion, Z up, in mm.

@@ -23,7 +23,7 @@ from poseppl.arrays import Floats
 from poseppl.diagnostics.selection import Array, some_draws
 from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.files.atomic_writing import atomic_path
-from poseppl.motion.poses import edges, mean_points
+from poseppl.motion.measures import edges, mean_points
 from poseppl.runs.contents import arrays_of, frame_numbers, names_of, variable
 
 NUM_DRAWS = 10

@@ -28,8 +28,8 @@ from typing import Any, NamedTuple
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.detections import MAX_POINTS, check_names
-from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.text_parsing import LARGEST, some
+from poseppl.motion.io.units_and_axes import mm_per_unit
 
 GIVE, RIGID_GIVE = 0.05, 0.001
 """By how much of its length a link's distance changes, as a standard deviation, unless the file tells."""

@@ -12,8 +12,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, brief, cut
-from poseppl.files.csv_reading import Line
-from poseppl.files.decimal_numbers import decimal_number
+from poseppl.files.csv_fields import Line, decimal_number
 
 LARGEST = 1e9
 LONGEST = 200

@@ -23,10 +23,9 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location, brief
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.motion import Motion, y_up, z_up
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
-from poseppl.motion.io.vertical_axis import vertical_axis
+from poseppl.motion.io.units_and_axes import mm_per_unit, vertical_axis
 
 MAX_MARKERS = 10_000
 MAX_VALUES = 40_000_000

@@ -12,16 +12,17 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import os
+import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from poseppl.errors import FilePath
+from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import check_file
-from poseppl.motion.io.image_sequence import SUFFIXES, images_in
-from poseppl.motion.io.opencv import Image, check_image, place, read_image, to_rgb
-from poseppl.motion.io.video_decoding import MAX_VIDEO_BYTES, probe, read_video
+from poseppl.motion.io.opencv import Image, check_image, check_name, check_pixels, opencv, place, read_image, to_rgb
 
 _Source = FilePath | Sequence[Image] | Image
 
@@ -154,3 +155,167 @@ def digest_of_files(paths: Sequence[Path]) -> str:
         with path.open("rb") as stream:
             state.update(hashlib.file_digest(stream, hashlib.blake2b).digest())
     return state.hexdigest()
+
+
+SUFFIXES = frozenset((".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"))
+
+
+def images_in(source: FilePath, camera: str) -> list[Path]:
+    """List the images of a folder or of a pattern, in the order of the numbers in their names.
+
+    Args:
+        source: A folder, whose other files are passed over, or a pattern such as ``cam1/*.png``.
+        camera: The camera, for messages.
+
+    Returns:
+        The paths.
+
+    Raises:
+        InputError: There is no image, a folder mixes several kinds, or a number is missing where the others are evenly spaced.
+    """
+    at = place(camera, file=source)
+    if Path(source).is_dir():
+        paths = [path for path in Path(source).glob("[!.]*") if path.suffix.lower() in SUFFIXES]
+        kinds = sorted({path.suffix.lower() for path in paths})
+        if len(kinds) > 1:
+            expected = f"one kind; name it with a pattern, {Path(source) / ('*' + kinds[0])}"
+            raise at.error(f"the folder has images of kinds {', '.join(kinds)}", expected)
+    else:
+        paths = [Path(name) for name in glob.glob(str(source)) if Path(name).is_file()]
+    if not paths:
+        raise at.error("no image", "files that end in " + ", ".join(sorted(SUFFIXES)))
+    paths.sort(key=_natural_order)
+    _check_numbers(source, camera, paths)
+    return paths
+
+
+def _natural_order(path: Path) -> list[tuple[int, int, str]]:
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
+
+
+def _check_numbers(source: FilePath, camera: str, paths: Sequence[Path]) -> None:
+    found = [re.findall(r"\d+", path.stem) for path in paths]
+    if len(paths) < 3 or not all(found):
+        return
+    numbers = [int(digits[-1]) for digits in found]
+    steps = [after - before for before, after in zip(numbers, numbers[1:], strict=False)]
+    step = min(steps)
+    if step < 1:
+        return
+    for frame, (number, width) in enumerate(zip(numbers, steps, strict=False)):
+        if width != step:
+            problem = f"no image with the number {number + step}, after {paths[frame].name}"
+            expected = f"evenly spaced numbers, {numbers[0]}, {numbers[0] + step}, ..."
+            raise place(camera, frame + 1, source).error(problem, expected)
+
+
+MAX_VIDEO_BYTES = 2**44
+GAP = 1.75
+"""Frame intervals between time stamps from which a frame counts as left out; between even stamps there is 1."""
+_FORMATS = ",".join(
+    ["mov", "mp4", "m4v", "matroska", "webm", "avi", "mpeg", "mpegts", "mpegvideo", "flv", "asf", "ogg", "mxf", "dv", "gif"]
+    + ["nut", "ivf", "h264", "hevc", "mjpeg", "yuv4mpegpipe"]
+)
+"""FFmpeg's names of files that hold their pictures; playlists and the like name other files and servers."""
+
+
+class VideoFacts(NamedTuple):
+    """Facts in a video file's header.
+
+    Attributes:
+        size: Width and height in pixels, as decoded (a rotation in the header is applied).
+        num_frames: Frames that the header promises; None where it does not.
+        rate: Frames a second; None where the header does not say.
+    """
+
+    size: tuple[int, int]
+    num_frames: int | None
+    rate: float | None
+
+
+def probe(path: str, camera: str) -> VideoFacts:
+    """Decode the first frame of a video file.
+
+    Args:
+        path: The file, which exists.
+        camera: The camera, for messages.
+
+    Returns:
+        The properties that the file states.
+
+    Raises:
+        InputError: Its first frame cannot be decoded.
+    """
+    cv2 = opencv()
+    with _capture(path, camera) as capture:
+        count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+        done, image = capture.read()
+    if not done:
+        raise _undecodable(place(camera, 0, path))
+    known = 0 < count < 2**40
+    return VideoFacts((image.shape[1], image.shape[0]), int(count) if known else None, rate if 0 < rate < 1e6 else None)
+
+
+def read_video(path: str, camera: str, start: int, facts: VideoFacts) -> Iterator[Image]:
+    """Decode the frames of a video file from one on to its end.
+
+    Args:
+        path: The file.
+        camera: The camera, for messages.
+        start: The first frame.
+        facts: Properties that the file states.
+
+    Yields:
+        (H, W, 3) RGB images.
+
+    Raises:
+        InputError: A frame cannot be decoded, is left out, or frames that the header promises are not there.
+    """
+    cv2 = opencv()
+    frame, before = start, None
+    with _capture(path, camera) as capture:
+        _seek(path, camera, capture, start)
+        while True:
+            done, image = capture.read()
+            if not done:
+                break
+            now = capture.get(cv2.CAP_PROP_POS_MSEC)
+            intervals = 1.0 if before is None or facts.rate is None else (now - before) * facts.rate / 1000.0
+            if intervals > GAP:
+                problem = f"cannot be decoded, or is left out: time goes on from {before:.0f} to {now:.0f} ms"
+                rate = facts.rate or 25.0
+                expected = f"one frame every {1000.0 / rate:.1f} ms; make it so: ffmpeg -i {path} -r {rate:g} new.mp4"
+                raise place(camera, frame, path).error(problem, expected)
+            yield to_rgb(image)
+            frame, before = frame + 1, now
+    if facts.num_frames is not None and frame < facts.num_frames:
+        problem = f"cannot be decoded, or the file is cut off: its header promises {facts.num_frames} frames"
+        raise place(camera, frame, path).error(problem, f"a whole file; or read with stop={frame}")
+
+
+@contextmanager
+def _capture(path: str, camera: str) -> Iterator[Any]:
+    cv2 = opencv()
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", f"format_whitelist;{_FORMATS}")
+    capture = cv2.VideoCapture(check_name(path))
+    try:
+        if not capture.isOpened():
+            raise _undecodable(place(camera, file=path))
+        size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        check_pixels(size, place(camera, file=path))
+        yield capture
+    finally:
+        capture.release()
+
+
+def _seek(path: str, camera: str, capture: Any, start: int) -> None:
+    # Going through all frames instead of jumping costs their decoding, and finds the same frame in every container.
+    for frame in range(start):
+        if not capture.grab():
+            raise _undecodable(place(camera, frame, path), ", or the video ends before it")
+
+
+def _undecodable(at: Location, besides: str = "") -> InputError:
+    expected = f"a whole video that OpenCV's FFmpeg reads; convert it: ffmpeg -i {at.file} -c:v libx264 new.mp4"
+    return at.error(f"cannot be decoded{besides}", expected)

@@ -12,8 +12,8 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, Phrase
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import triangulate, viewing_rays
-from poseppl.motion.io.vertical_axis import VerticalAxis, named_axis, vertical_axis
+from poseppl.motion.geometry.cameras import triangulate, viewing_rays
+from poseppl.motion.io.units_and_axes import VerticalAxis, named_axis, vertical_axis
 from poseppl.motion.keypoints.calibration_units import LARGEST_FACTOR, STATURE, segment_ratios
 
 

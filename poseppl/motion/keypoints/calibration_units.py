@@ -16,10 +16,10 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import scaled
-from poseppl.motion.io.length_units import MM_PER_UNIT
+from poseppl.motion.io.units_and_axes import MM_PER_UNIT
 from poseppl.motion.tracking.placing import cameras_of_records
 
 STATURE = 1.75

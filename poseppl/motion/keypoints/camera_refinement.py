@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, viewing_rays
 from poseppl.stored_programs import stored_jit
 
 PRIOR_ANGLE, PRIOR_POSITION = np.deg2rad(1.0), 30.0

@@ -29,7 +29,7 @@ import numpy as np
 
 from poseppl.arrays import Floats, Integers
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import viewing_rays
+from poseppl.motion.geometry.cameras import viewing_rays
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.keypoints.leaps import despike
 

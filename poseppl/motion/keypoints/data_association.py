@@ -27,7 +27,7 @@ from poseppl.arrays import Floats, Integers
 from poseppl.compilation import double_precision
 from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.keypoints.limb_continuity import limb_pairs, proposed_swaps

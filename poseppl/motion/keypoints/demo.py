@@ -24,8 +24,8 @@ from poseppl.motion.bodies.opensim import opensim_coordinates, opensim_values
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.io.cameras import write_cameras
-from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion
+from poseppl.motion.io.opensim_files import write_mot
 from poseppl.motion.io.trc import write_trc
 from poseppl.motion.keypoints.drawn_detections import detect
 from poseppl.motion.tracking.placing import cameras_around, records_of_cameras

@@ -25,7 +25,7 @@ from scipy.special import expit, gammaln, logsumexp, stdtr
 
 from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.detector_errors import FREEDOM, logits, magnifications
 
 NUM_DRAWS = 96

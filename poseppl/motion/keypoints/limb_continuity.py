@@ -16,7 +16,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.points.swaps import LASTS, SHARE, Pair, exchanged
 

@@ -18,12 +18,12 @@ import xarray as xr
 
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.io.detections import without_strays
 from poseppl.motion.io.growing_folders import KeypointFrame
 from poseppl.motion.io.json_people import same_points
-from poseppl.motion.io.layout_guess import with_layout
+from poseppl.motion.io.keypoint_layouts import with_layout
 from poseppl.motion.keypoints.detector_errors import DetectorErrors
 from poseppl.motion.keypoints.people import FollowedPerson
 from poseppl.motion.keypoints.point_errors import PointErrors

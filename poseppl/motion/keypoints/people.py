@@ -18,7 +18,7 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, InputError
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import DetectedPeople
 
 LARGEST_DISTANCE, LARGEST_DISTANCE_ALONE = 120.0, 300.0

@@ -24,7 +24,7 @@ from scipy.special import expit
 
 from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.detector_errors import FREEDOM, logits, magnifications
 
 SIZE, SIZE_SPREAD = 15.0, 0.5

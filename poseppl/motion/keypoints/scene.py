@@ -20,13 +20,13 @@ from poseppl.errors import Argument, FilePath, InputError, Phrase
 from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.camera_fields import with_z_up
 from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.keypoint_layouts import markers_of_names
-from poseppl.motion.io.length_units import UNKNOWN_UNIT
 from poseppl.motion.io.text_parsing import some
+from poseppl.motion.io.units_and_axes import UNKNOWN_UNIT
 from poseppl.motion.keypoints.calibration_checks import calibration_notes, vertical_of_calibration
 from poseppl.motion.keypoints.calibration_units import infer_unit
 from poseppl.motion.keypoints.camera_errors import MIN_RESIDUALS, CameraErrors, camera_errors

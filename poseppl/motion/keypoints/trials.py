@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from poseppl.errors import Argument, FilePath, InputError
 from poseppl.motion.io.cameras import read_cameras
-from poseppl.motion.io.name_matching import folded
+from poseppl.motion.io.names import folded
 from poseppl.motion.io.text_parsing import some
 
 KEYPOINTS = (".json", ".csv", ".h5", ".hdf5", ".npy")

@@ -1,7 +1,7 @@
 """Activities learned from recordings: principal components of angles with a hidden Markov model, and tables of bins.
 
 Trained once and kept in a file of its own; :mod:`poseppl_models.bodies.learned_motion` and
-:mod:`poseppl_models.peursum.factored_motion` make programs of them.
+:mod:`poseppl_models.peursum.factored_system` make programs of them.
 """
 
 from poseppl.motion.learned.factored_tables import (
@@ -9,11 +9,11 @@ from poseppl.motion.learned.factored_tables import (
     bin_angles as bin_angles,
     read_factored_tables as read_factored_tables,
     root_places as root_places,
+    train_factored_motion as train_factored_motion,
     write_factored_tables as write_factored_tables,
 )
-from poseppl.motion.learned.factored_training import train_factored_motion as train_factored_motion
-from poseppl.motion.learned.motion_model import MotionModel as MotionModel
-from poseppl.motion.learned.motion_model_files import (
+from poseppl.motion.learned.motion_model import (
+    MotionModel as MotionModel,
     read_motion_model as read_motion_model,
     write_motion_model as write_motion_model,
 )

@@ -15,7 +15,7 @@ from poseppl.files.frame_range import FrameRange
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.io import Motion, read_motion, slice_frames
-from poseppl.motion.io.resampling import RATE_TOLERANCE, whole_step
+from poseppl.motion.io.motion import RATE_TOLERANCE, whole_step
 
 _MIN_RATE = 5.0
 """Frames a second that a common rate has at least."""

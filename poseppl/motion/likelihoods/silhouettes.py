@@ -11,16 +11,21 @@ observed to be 0:
 
   D being the signed distance to the observed silhouette at the axis point u, and r the part's half-width there.
 
-* if the edges of the image count, from points on the sides of each part to the nearest of them
-  (:mod:`poseppl.motion.likelihoods.part_edges`).
+* if the edges of the image count, from points on the sides of each part to the nearest of them.
 
 Each is saturated by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of
 the noise, and so as long at the body in images of any size. Neighbours on a contour err alike; their standard deviation has to
 be raised by the root of how many do.
+
+The side of a part seen against another colour is an edge in the image: along the silhouette and also, unlike in the
+silhouette, where an arm passes before the trunk. Points on both straight sides of each part are looked up in a map of distances
+to the image's edges. Distances are cut off at some pixels, which is also the value of a side that is hidden or without
+contrast.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,16 +34,13 @@ import jax.numpy as jnp
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.motion.geometry.barrier import computed_once
-from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_density, batched_score
+from poseppl.motion.geometry.batch_last import batch_last, batched_density, batched_score, computed_once
 from poseppl.motion.geometry.cameras import Cameras, beside_points, project_components
-from poseppl.motion.geometry.coverage import part_distances, project_parts
+from poseppl.motion.geometry.coverage import limb_corners, part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of, place_parts
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.motion.likelihoods.distance_maps import at_points
-from poseppl.motion.likelihoods.part_edges import FRACTIONS as EDGE_FRACTIONS, SAMPLES, edge_distances
 
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
 """Fractions of each part's axis at which the part is checked for sticking out."""
@@ -285,3 +287,36 @@ def _beyond_wrenches(
 _distances = batched_score(_distances_last, chunk=_CHUNK)
 _log_density = batched_density(_density_last, chunk=_CHUNK)
 _jacobian = batch_last(_jacobian_last, chunk=_CHUNK)
+
+
+EDGE_FRACTIONS = (0.2, 0.5, 0.8)
+"""Fractions of each side at which the distance to the next edge is looked up."""
+SAMPLES = 2 * len(EDGE_FRACTIONS)
+
+
+def edge_distances(
+    cameras: Cameras,
+    flesh: Flesh,
+    parts: PartFrames,
+    edges: Array,
+    scale: Array,
+    fractions: Sequence[float] | Array = EDGE_FRACTIONS,
+) -> Array:
+    """Distances (C, P, 2 * fractions, N), px: first those of one side, then those of the other.
+
+    Args:
+        cameras: C cameras, leaves (C, ..., N or 1).
+        flesh: Sizes of P parts.
+        parts: Their positions and axes, leaves (P, ..., N).
+        edges: Distances to the nearest edge (C, H, W, 1), px of the image.
+        scale: Pixels of the maps to one of the image (C, 1).
+        fractions: Fractions of the sides, from base to tip.
+    """
+    corners = limb_corners(cameras, flesh, parts)  # (C, P, 4, 2, N): base, tip, tip, base
+    share = jnp.asarray(fractions)[:, None, None]
+    sides = [
+        corners[:, :, None, base] + share * (corners[:, :, tip] - corners[:, :, base])[:, :, None]
+        for base, tip in ((0, 1), (3, 2))
+    ]
+    points = jnp.concatenate(sides, 2)
+    return at_points(edges, scale, points[:, :, :, 0], points[:, :, :, 1])

@@ -21,9 +21,9 @@ from poseppl.motion.io import DetectedPeople
 from poseppl.motion.io.cameras import calibration_of
 from poseppl.motion.io.detections import check_different, without_strays
 from poseppl.motion.io.keypoints import read_keypoints
-from poseppl.motion.io.length_units import UNKNOWN_UNIT
 from poseppl.motion.io.skeleton_files import Skeleton, read_skeleton
 from poseppl.motion.io.text_parsing import some
+from poseppl.motion.io.units_and_axes import UNKNOWN_UNIT
 from poseppl.motion.points.named_points import FREEDOM, PointRecording
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.points.smoothing import PointTracks

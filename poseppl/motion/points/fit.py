@@ -4,7 +4,7 @@ The detector's are fitted first, with points that may be anywhere in each frame:
 The motion's follow, given these. Fitted together, autocorrelated errors would absorb movement that all cameras agree on but
 the motion's program does not predict.
 
-The evidence is Laplace's (:mod:`poseppl.smoothers.laplace_evidence`), its ascent BFGS's in coordinates in which the prior is
+The evidence is Laplace's (:mod:`poseppl.smoothers.laplace`), its ascent BFGS's in coordinates in which the prior is
 standard normal. Nothing but what the cameras saw goes in: neither truth nor cameras that are held out.
 """
 
@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.compilation import jit
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs
 from poseppl.motion.points.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.curvature import find_mode
-from poseppl.smoothers.laplace_evidence import laplace_evidence
+from poseppl.smoothers.laplace import laplace_evidence
 from poseppl.stored_programs import stored_jit
 
 OF_A_POINT = ("log_scale", "log_speed")

@@ -18,8 +18,7 @@ from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
-from poseppl.motion.bodies.body import compile_once
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs, compile_once
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.points.fit import NEAR_STEPS, OF_A_POINT, PointParams, under_draws
 from poseppl.motion.points.named_points import PointProblem, places_of

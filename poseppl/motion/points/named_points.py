@@ -17,10 +17,9 @@ from poseppl_models.bodies.named_points import points_in_cameras
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, InputError
-from poseppl.motion.bodies.body import compile_once
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs, compile_once
 from poseppl.motion.geometry import Cameras, depth
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.program import CompiledModel, Observation
 
 FREEDOM = 5.0

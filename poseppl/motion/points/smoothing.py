@@ -12,7 +12,7 @@ from jax import Array
 
 from poseppl.arrays import Floats, Integers
 from poseppl.compilation import double_precision, jit
-from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.bodies.body import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.points.fit import NEAR_STEPS, fit_points, params_by_point, points_mode, under_draws
 from poseppl.motion.points.linked_points import linked_draws

@@ -13,7 +13,7 @@ from poseppl.errors import FilePath, InputError, brief
 from poseppl.motion.io import Video, write_video
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.poses import edges, mean_points
+from poseppl.motion.measures import edges, mean_points
 from poseppl.runs.contents import frame_numbers, names_of
 
 MAX_SAMPLES = 12

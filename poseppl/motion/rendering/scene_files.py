@@ -28,12 +28,11 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
 from poseppl.motion.io.cameras import quoted, write_cameras
-from poseppl.motion.io.marker_positions import write_places
 from poseppl.motion.io.masks import write_masks
+from poseppl.motion.io.observations import write_places
 from poseppl.motion.io.opencv import write_image
 from poseppl.motion.io.video_writing import VideoWriter, video_writer
-from poseppl.motion.rendering.noise import SensorNoise, check_noise, expose, expose_long
-from poseppl.motion.rendering.render import Stage
+from poseppl.motion.rendering.render import SensorNoise, Stage, check_noise, expose, expose_long
 from poseppl.motion.rendering.setting import Setting
 
 MAX_RATE = 1000.0

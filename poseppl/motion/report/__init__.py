@@ -5,7 +5,6 @@ from __future__ import annotations
 import xarray as xr
 
 from poseppl.diagnostics.modes import modes_over_time
-from poseppl.motion.report.charts import error_traces, joint_charts, residual_chart
 from poseppl.motion.report.figures import (
     draw_track as draw_track,
     plot_error as plot_error,
@@ -13,9 +12,17 @@ from poseppl.motion.report.figures import (
     plot_pose3d as plot_pose3d,
 )
 from poseppl.motion.report.pose_views import doubts_shown, ghosts, pose_data
-from poseppl.motion.report.tables import camera_table, cards, doubt_table, error_table
+from poseppl.motion.report.sections import (
+    camera_table,
+    cards,
+    doubt_table,
+    error_table,
+    error_traces,
+    joint_charts,
+    residual_chart,
+)
 from poseppl.motion.verdicts.doubts import doubts_of
-from poseppl.motion.verdicts.image_errors import image_errors
+from poseppl.motion.verdicts.residuals import image_errors
 from poseppl.report.chart import chart
 from poseppl.report.page import Extension
 from poseppl.runs.contents import draws_of

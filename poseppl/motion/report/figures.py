@@ -12,9 +12,9 @@ from matplotlib.figure import Figure, FigureBase
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.run_figures import is_sampled
 from poseppl.diagnostics.selection import evenly, frame_index
-from poseppl.motion.poses import segments
-from poseppl.motion.report.charts import error_traces
+from poseppl.motion.measures import segments
 from poseppl.motion.report.pose_views import pose_data
+from poseppl.motion.report.sections import error_traces
 from poseppl.report.chart import Panel
 from poseppl.report.charts import inefficiency_panel
 from poseppl.report.figures import TITLE, draw_coordinates, draw_panel, legend
@@ -75,7 +75,7 @@ def plot_pose3d(tree: xr.DataTree, frame: int | None = None) -> Figure:
 
 
 def plot_error(tree: xr.DataTree) -> Figure:
-    """Draw the mean joint error; see :func:`poseppl.motion.report.charts.error_traces`."""
+    """Draw the mean joint error; see :func:`poseppl.motion.report.sections.error_traces`."""
     picture = new_picture(8.0, 3.4)
     _error(picture.add_subplot(), diagnosed(tree))
     return picture

@@ -13,7 +13,7 @@ import xarray as xr
 from poseppl.arrays import Integers
 from poseppl.diagnostics.modes import Modes
 from poseppl.diagnostics.selection import Array, evenly, some_draws
-from poseppl.motion.poses import edges, image_grows_down, mean_points
+from poseppl.motion.measures import edges, image_grows_down, mean_points
 from poseppl.motion.verdicts.doubts import Doubts
 from poseppl.report.picture import MODES
 from poseppl.runs.contents import arrays_of, draws_of, frame_numbers, group_of, names_of, variable

@@ -1,21 +1,22 @@
-"""How well a body's silhouette agrees with those that were seen, and how those moved."""
+"""Silhouettes as cameras saw them, and how well a body's agree with these, and with how they moved."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Booleans, Floats
 from poseppl.compilation import jit
-from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry import Cameras, KinematicTree, depth
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, parts_of
-from poseppl.motion.silhouettes.seen_silhouettes import SeenSilhouettes
 from poseppl.motion.tracking.scene import Scene
 
 _LONGER_SIDE = 160
@@ -70,3 +71,37 @@ def _covered(tree: KinematicTree, flesh: Flesh, states: Array, cameras: Cameras,
 
 _drawn = jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
 """Drawn silhouettes of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""
+
+
+class SeenSilhouettes(NamedTuple):
+    """Silhouettes in C cameras over T frames.
+
+    Attributes:
+        contour: Points on the contours (T, C, K, 2), px.
+        on_outline: Which of them are part of the person's outline (T, C, K).
+        distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
+        scale: Pixels of the maps to one of the image (C,).
+        usable: Whether a camera's mask says anything in a frame (T, C).
+        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where the person may be hidden.
+        noise: Standard deviation of distances at the body, mm.
+        edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
+        facing: Name of the camera that the person faces at first, where it is known.
+        found: Settings by which the silhouettes were found, for the record.
+    """
+
+    contour: Floats
+    on_outline: Booleans
+    distance: NDArray[np.float32]
+    scale: Floats
+    usable: Booleans
+    person: NDArray[np.int8]
+    noise: float
+    edges: NDArray[np.float32] | None = None
+    facing: str | None = None
+    found: Mapping[str, Any] | None = None
+
+    def noise_in_pixels(self, cameras: Cameras, state: Any) -> Floats:
+        """Standard deviations (C,) in px of the noise at the place of a state's root."""
+        away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
+        focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
+        return np.asarray(self.noise * focal / away)

@@ -23,10 +23,11 @@ from poseppl.motion.silhouettes.frame import (
     SilhouetteFrame,
     SilhouetteSettings,
     edge_map,
+    fit_size,
     map_scale,
+    resized,
     silhouette_frame,
 )
-from poseppl.motion.silhouettes.picture_sizes import fit_size, resized
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.vision import (

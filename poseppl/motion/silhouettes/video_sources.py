@@ -14,16 +14,14 @@ from poseppl_models.bodies.silhouettes import full_body
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, FilePath, InputError, Location, brief
 from poseppl.files.frame_range import FrameRange
-from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.files.netcdf import read_netcdf
 from poseppl.motion.bodies.body import body_builder, name_of_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_calibration, read_cameras, read_image
 from poseppl.motion.io.text_parsing import finite_numbers, some
-from poseppl.motion.silhouettes.data import SilhouetteData
-from poseppl.motion.silhouettes.frame import OnFailure, SilhouetteSettings
-from poseppl.motion.silhouettes.picture_sizes import resized
+from poseppl.motion.silhouettes.data import SilhouetteData, check_facing
+from poseppl.motion.silhouettes.frame import OnFailure, SilhouetteSettings, resized
 from poseppl.motion.silhouettes.scene import check_names, scene_of_videos
 from poseppl.motion.silhouettes.settings import VideoSettings
-from poseppl.motion.silhouettes.start import check_facing
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.vision import Background, BackgroundSettings, learn_background

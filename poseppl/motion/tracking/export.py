@@ -35,9 +35,9 @@ from poseppl.files.exchange_formats import files_of
 from poseppl.motion.bodies.body import name_of_builder
 from poseppl.motion.bodies.opensim import Coordinate
 from poseppl.motion.bodies.unseen import Unseen
-from poseppl.motion.io.c3d_writing import write_c3d
-from poseppl.motion.io.mot import write_mot
+from poseppl.motion.io.c3d import write_c3d
 from poseppl.motion.io.motion import Motion, y_up
+from poseppl.motion.io.opensim_files import write_mot
 from poseppl.motion.io.rerun_writing import write_rerun
 from poseppl.motion.io.trc import write_trc
 from poseppl.motion.tracking.estimates import Clock, Estimates, angle_estimates, clock_of, place_estimates, unseen_of

@@ -22,7 +22,7 @@ from poseppl_models.bodies.detected_points import seen_by_detector
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import Body, BodyInputs, LastingErrors, compile_once
-from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
+from poseppl.motion.geometry.kinematic_jumps import bent_as_at_rest
 from poseppl.motion.tracking.body_sizes import MeasuredLengths
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.start import start_scales

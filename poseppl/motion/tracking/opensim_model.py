@@ -11,7 +11,7 @@ from poseppl.errors import Argument, FilePath, InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.opensim import GROUND, PLACES, SEGMENT_AXES, Rotations, rotations_of
 from poseppl.motion.geometry.tree import KinematicTree
-from poseppl.motion.io.osim import OsimMarker, OsimSegment, write_osim
+from poseppl.motion.io.opensim_files import OsimMarker, OsimSegment, write_osim
 
 MASSES = {"pelvis": 0.142, "torso": 0.436, "femur": 0.1, "tibia": 0.0465, "calcn": 0.0145, "humerus": 0.028, "ulna": 0.022}
 """Shares of the body's mass, hand with ulna and head with torso (Winter 2009, doi:10.1002/9780470549148, Table 4.1, after

@@ -18,7 +18,7 @@ from poseppl.errors import Argument, FilePath, InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.opensim import opensim_coordinates
 from poseppl.motion.geometry.tree import KinematicTree
-from poseppl.motion.io.bvh_writing import UNITS_MM, BvhJoint, write_bvh
+from poseppl.motion.io.bvh import UNITS_MM, BvhJoint, write_bvh
 from poseppl.motion.io.motion import y_up
 from poseppl.motion.tracking.estimates import clock_of, unseen_of
 from poseppl.motion.tracking.recorded_model import recorded_model

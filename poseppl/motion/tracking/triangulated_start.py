@@ -7,7 +7,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.tracking.problem import Problem, body_inputs
 from poseppl.runs.run import Constant
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from itertools import takewhile
 
 from poseppl.diagnostics.verdicts import CHECKS as _OF_ANY, Check
-from poseppl.motion.verdicts.coverage import coverage
-from poseppl.motion.verdicts.data import missing, prediction
+from poseppl.motion.verdicts.agreement import coverage, missing, overlap, prediction, silhouette_jumps
 from poseppl.motion.verdicts.residuals import one_camera, point_residuals
-from poseppl.motion.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.motion.verdicts.steps import estimated_steps, learned_prior
 
 _CAUSES = takewhile(lambda name: name != "divergences", _OF_ANY)

@@ -19,7 +19,7 @@ import xarray as xr
 from poseppl.arrays import Booleans, Integers
 from poseppl.diagnostics.selection import Array
 from poseppl.motion.measures import named_root
-from poseppl.motion.verdicts.image_errors import ImageErrors, image_errors
+from poseppl.motion.verdicts.residuals import ImageErrors, image_errors
 from poseppl.runs.contents import draws_of, frame_numbers, names_of, variable
 
 WIDE = 60.0

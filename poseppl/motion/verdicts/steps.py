@@ -1,4 +1,4 @@
-"""Steps of the posterior mean in units of the random walk, and whether the motion is what a prior has learned.
+"""Steps of the posterior mean in units of the random walk, whether the motion is a learned one, and remedies.
 
 If the state is a random walk with standard deviation q a frame, a filter's means m and variances P obey
 
@@ -29,8 +29,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     statistic,
     where,
 )
-from poseppl.motion.verdicts.remedies import ANGLE, POSITION, in_one_camera, of_walk
-from poseppl.runs.contents import names_of
+from poseppl.runs.contents import names_of, variable
 from poseppl.runs.results import provenance
 
 STEPS_HIGH, STEPS_ERROR = 2.0, 3.0
@@ -47,6 +46,9 @@ HOLDS = 0.5
 OTHER_SHARE = 0.1
 """Share of such frames above which there is a warning."""
 _MIN_SHARE = 0.25
+POSITION, ANGLE = "sigma_position", "sigma_angle"
+
+
 _ARGUMENTS = {"Translations": POSITION, "Angles": ANGLE}
 _RATE = Remedy("check the frame rate")
 
@@ -144,3 +146,17 @@ def learned_prior(tree: xr.DataTree) -> Findings:
     else:
         remedies = Remedy("learn from motion of this kind (poseppl fit-motion)"), Remedy("track without {}", "prior")
         yield Verdict(WARNING, f"{text}. Better:", remedies)
+
+
+def of_walk(tree: xr.DataTree, words: str, *arguments: str) -> tuple[Remedy, ...]:
+    """To change arguments of the random walk, or what stands in its place where none of them is taken."""
+    if variable(tree, "inputs", "posture_mean") is not None:
+        return Remedy("use {}", "walk", "learned"), Remedy("use {}", "walk", "fixed")
+    if provenance(tree).get("prior"):
+        return Remedy("learn the prior from more people (poseppl fit-motion)"), Remedy("track without {}", "prior")
+    return tuple(Remedy(words, argument) for argument in arguments)
+
+
+def in_one_camera(tree: xr.DataTree) -> bool:
+    """Whether these are keypoints in one camera: autocorrelated errors count as noise, which is wider than frames differ by."""
+    return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1

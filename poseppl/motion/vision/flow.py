@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.motion.io.opencv import Image, opencv
-from poseppl.motion.vision.bounding_box import window
 from poseppl.motion.vision.edges import gray
-from poseppl.motion.vision.masks import Mask
+from poseppl.motion.vision.masks import Mask, window
 
 Flow = NDArray[np.float32]
 

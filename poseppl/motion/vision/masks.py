@@ -1,4 +1,4 @@
-"""Foreground masks: cleaned by morphology and by area, and refused where they say nothing."""
+"""Foreground masks: cleaned by morphology and by area, refused where they say nothing, and the part of an image they fill."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.motion.io.opencv import opencv, place
-from poseppl.motion.vision.bounding_box import window
 
 Mask = NDArray[np.uint8]
 _SMALL = 320
@@ -104,3 +103,23 @@ def _without_small(mask: Mask, min_area: int, connectivity: int) -> Mask:
     kept[0] = False
     cleaned: Mask = kept.astype(np.uint8)[labels]
     return cleaned
+
+
+Window = tuple[slice, slice]
+
+
+def window(mask: NDArray[np.uint8], margin: float) -> Window | None:
+    """Find the smallest rectangle with all marked pixels.
+
+    Args:
+        mask: (H, W) uint8, not 0 where marked.
+        margin: By how many px the rectangle is widened, within the image.
+
+    Returns:
+        Rows and columns; None where nothing is marked.
+    """
+    left, top, width, height = opencv().boundingRect(mask)
+    if width == 0:
+        return None
+    more = int(np.ceil(margin))
+    return slice(max(top - more, 0), top + height + more), slice(max(left - more, 0), left + width + more)

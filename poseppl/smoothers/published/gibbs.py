@@ -34,8 +34,8 @@ from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_p
 from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
-from poseppl.smoothers.effective import smoothed_chains
+from poseppl.smoothers.backward_pass import initial_trajectories
+from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother, smoothed_chains
 from poseppl.smoothers.published.gibbs_moves import Frames, Settings, move_frame, prepare_frames
 from poseppl.smoothers.published.likelihood_mixture import (
     LikelihoodMixture,
@@ -43,7 +43,6 @@ from poseppl.smoothers.published.likelihood_mixture import (
     fit_likelihood_mixture,
     log_components,
 )
-from poseppl.smoothers.starts import initial_trajectories
 
 Target = Literal["mixture", "model"]
 

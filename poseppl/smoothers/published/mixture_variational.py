@@ -65,8 +65,7 @@ from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
 from poseppl.program.population import log_initials, log_transitions
-from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
-from poseppl.smoothers.effective import smoothed_draws
+from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother, smoothed_draws
 from poseppl.smoothers.published.likelihood_mixture import (
     LikelihoodMixture,
     MixtureSettings,

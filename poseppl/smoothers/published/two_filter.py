@@ -1,4 +1,4 @@
-r"""Two-filter smoothing: a filter that runs backwards meets the one that ran forwards.
+"""Two-filter smoothing: a filter that runs backwards meets the one that ran forwards.
 
 Briers, Doucet and Maskell 2010 (doi:10.1007/s10463-009-0236-2). With artificial priors gamma_t, an information filter
 approximates gamma~_t(x) ~ gamma_t(x) p(z_t..T-1 | x) by particles x~_t^j of weights w~_t^j, for t = T - 1, ..., 1:
@@ -7,13 +7,11 @@ approximates gamma~_t(x) ~ gamma_t(x) p(z_t..T-1 | x) by particles x~_t^j of wei
     w~_t ~ gamma_t(x~_t) p(z_t | x~_t) p(x~_(t+1) | x~_t) / (gamma_(t+1)(x~_(t+1)) q(x~_t | x~_(t+1))),
 
 with ancestors x~_(t+1) resampled by weight. gamma_t and q are Gaussians fitted to the forward filter's particles, so that the
-backward filter looks where the forward one was (:mod:`poseppl.smoothers.published.artificial_prior`). At frames t >= 1 the
+backward filter looks where the forward one was. At frames t >= 1 the
 result stands on the backward particles, which are new: smoothing can leave the forward filter's places. Their weights are
 
-    exact:  w_(t|T)^j ~ w~_t^j / gamma_t(x~_t^j) sum_i w_(t-1)^i p(x~_t^j | x_(t-1)^i),                             O(N^2) a
-        frame,
-    linear: the sum over i by `num_pairs` of its terms, drawn by w_(t-1)^i,                                          O(N) a
-        frame,
+    exact:  w_(t|T)^j ~ w~_t^j / gamma_t(x~_t^j) sum_i w_(t-1)^i p(x~_t^j | x_(t-1)^i), O(N^2) a frame,
+    linear: the sum over i by `num_pairs` of its terms, drawn by w_(t-1)^i, O(N) a frame,
 
 the second after Fearnhead, Wyncoll and Tawn 2010 (doi:10.1093/biomet/asq013), whose pairs of forward and backward particles
 these are. At frame 0 it stands on the forward particles, weighed by the same pairs. For a linear Gaussian model the weights
@@ -22,6 +20,15 @@ w~ are nearly equal; gamma and q that miss the smoothing distribution show as a 
 One Gaussian stands for all modes. On the growth model most series come out better than by forward-backward reweighting, but in
 two or three of twenty the backward filter misses a mode that decides (`poseppl reproduce peursum-2010
 dimensionality` shows the cost).
+
+The Gaussians are fitted so: for each frame t < T - 1 one successor y_i ~ p(x_(t+1) | x_t^i) is drawn for each particle. The
+pairs (x_t^i, y_i), weighted by w_t^i, give means m, m' and covariances P, P' and C = cov(x_t, y):
+
+    gamma_(t+1) = N(m', c P'),    the artificial prior of the next frame: about what the filter predicts,
+    q(x_t | y)  = N(m + G (y - m'), c (P - G C^T)),    G = C P'^-1, the regression of a state on its successor,
+
+both widened by the factor c. A Gaussian model's exact backward kernel, given the data up to t, is q with c = 1. Covariances
+are kept positive by a small part of P', so that particles that are all equal do no harm.
 """
 
 from __future__ import annotations
@@ -32,17 +39,18 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.scipy.linalg import cho_solve
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.gaussians.gaussian import factorise
+from poseppl.gaussians.gaussian import Factorised, factorise
+from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import append, tree_index
 from poseppl.particles.weights import Normalised, nan_to_neg_inf, normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.memoized_builder import memoized_builder
-from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
+from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions, propagate
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous, smoothing_info
-from poseppl.smoothers.published.artificial_prior import floor_of, pair_moments, summarise
 from poseppl.smoothers.tiles import block_size, check_tile, join_rows, split_rows
 
 Method = Literal["exact", "linear"]
@@ -239,3 +247,53 @@ def _log_sum(terms: Array, axis: int) -> Array:
     """Log of the sum of exp(terms), NaN counting as nothing."""
     total: Array = jax.nn.logsumexp(nan_to_neg_inf(terms), axis=axis)
     return total
+
+
+_FLOOR = 1e-3
+"""Part of the predicted variances that every covariance has at least."""
+
+
+class Regression(NamedTuple):
+    """A state given its successor y: residual.mean + gain (y - next_mean) + a draw of residual less its mean."""
+
+    residual: Factorised
+    next_mean: Array
+    gain: Array
+
+    def draw(self, rng_key: Array, successors: Array) -> tuple[Array, Array]:
+        """Draw states (N, d) given successors (N, d), with the log-densities (N,) of the draws."""
+        drawn, log_density = self.residual.draw(rng_key, successors.shape[0])
+        return drawn + (successors - self.next_mean) @ self.gain.T, log_density
+
+
+def pair_moments(
+    model: CompiledModel, rng_key: Array, particles: Array, log_weights: Array, inputs: Any
+) -> tuple[Array, Array]:
+    """Mean (2 d,) and covariance (2 d, 2 d) of a frame's particles (N, d), each beside a successor drawn for it."""
+    keys = particle_keys(rng_key, particles.shape[0])
+    successors = propagate(model, keys, particles, inputs)
+    pairs = jnp.concatenate([particles, successors], 1)
+    return weighted_mean(pairs, log_weights), weighted_covariance(pairs, log_weights)
+
+
+def summarise(mean: Array, covariance: Array, inflation: float) -> tuple[Factorised, Regression]:
+    """The artificial prior of the next frame, and the regression of this frame's state on it.
+
+    Args:
+        mean: Mean (2 d,) of a state and its successor.
+        covariance: Their covariance (2 d, 2 d).
+        inflation: c.
+    """
+    d = mean.shape[0] // 2
+    floor = floor_of(covariance[d:, d:], mean[d:])
+    predicted, cross = covariance[d:, d:] + floor, covariance[:d, d:]
+    gain = cho_solve((jnp.linalg.cholesky(predicted), True), cross.T).T
+    residual = covariance[:d, :d] - gain @ cross.T
+    residual = inflation * (residual + residual.T) / 2 + floor
+    return factorise(mean[d:], inflation * predicted), Regression(factorise(mean[:d], residual), mean[d:], gain)
+
+
+def floor_of(covariance: Array, mean: Array) -> Array:
+    """A small diagonal matrix (d, d) for a covariance to stay positive: of its own variances, and of the digits of the mean."""
+    digits = float(jnp.finfo(mean.dtype).eps)  # type: ignore[no-untyped-call]
+    return jnp.diag(_FLOOR * jnp.diagonal(covariance) + digits * (1.0 + mean**2))

@@ -15,7 +15,7 @@ from poseppl_models.toys.mirror import LEVEL, NOISE, SPREAD, START, mirror, mirr
 
 from poseppl.filters import covariance_scaled_filter
 from poseppl.filters.published import mode_mixture
-from poseppl.kernels import truncation
+from poseppl.kernels import face_laplace
 from poseppl.kernels.constraints import constraints
 from poseppl.program import Lorentzian, StateSpaceModel
 
@@ -149,9 +149,9 @@ def test_a_limit_may_be_given_as_constraints_too():
 @pytest.mark.slow
 def test_a_cut_density_that_ignores_its_slope_is_noticed(monkeypatch):
     """Draws of half a Gaussian at the bound lie too far inside."""
-    real = truncation.draw
+    real = face_laplace.draw
     monkeypatch.setattr(
-        mode_mixture.truncation, "draw", lambda key, slope, curvature, num: real(key, 0.0 * slope, 1e-2 * curvature, num)
+        mode_mixture.face_laplace, "draw", lambda key, slope, curvature, num: real(key, 0.0 * slope, 1e-2 * curvature, num)
     )
     with pytest.raises(AssertionError):
         test_a_joint_at_its_limit_stays_inside_of_it()

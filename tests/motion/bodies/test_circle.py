@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree
 from poseppl.motion.io import read_motion, slice_frames
-from poseppl.motion.recordings.subjects import recorded_subject, turned, walking_subject
+from poseppl.motion.recordings.subjects import bend_along_circle, bend_motion, recorded_subject, turned, walking_subject
 
 RATE, SPEED = 100.0, 1300.0
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.bodies.choo_fleet import full_body
-from poseppl_models.bodies.joint_limits import joint_limits
+from poseppl_models.bodies.joint_angles import joint_limits
 
 from poseppl.filters import covariance_scaled_filter
 from poseppl.kernels.constraints import constraints

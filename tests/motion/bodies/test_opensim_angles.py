@@ -13,7 +13,7 @@ from poseppl_models.darby.marker_body import full_body as darby_body
 from scipy.spatial.transform import Rotation
 
 from poseppl.motion.bodies.opensim import circular_summary, opensim_coordinates, opensim_values
-from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.recordings.subjects import recorded_subject
 
 

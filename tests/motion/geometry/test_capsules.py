@@ -6,11 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.darby.cone_body import darby_body
-from poseppl_models.du_guan.body import du_guan_body
-from poseppl_models.images.body_constraints import parts_apart, within_limits
-from poseppl_models.images.capsules import Capsules, clearances, part_capsules, rejected
-from poseppl_models.peursum.cone_body import peursum_body
+from poseppl_models.darby.body import darby_body
+from poseppl_models.du_guan.likelihood import du_guan_body
+from poseppl_models.images.image_program import Capsules, clearances, part_capsules, parts_apart, rejected, within_limits
+from poseppl_models.peursum.body import peursum_body
 from precision import precision
 from scipy.optimize import lsq_linear
 

@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.sminchisescu_triggs.contour_nodes import contour_nodes
-from poseppl_models.sminchisescu_triggs.occlusion import hidden
+from poseppl_models.sminchisescu_triggs.contours import contour_nodes, hidden
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, part_axes, superquadrics_of
 from precision import precision
 from superquadric_views import last

@@ -10,9 +10,15 @@ from cone_views import CONES, TREE, camera, covered, four_cameras, last, overlap
 from precision import precision
 
 from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts, soft_coverage
+from poseppl.motion.geometry.coverage import (
+    hard_coverage,
+    limb_corners,
+    outline_corners,
+    part_distances,
+    project_parts,
+    soft_coverage,
+)
 from poseppl.motion.geometry.flesh import flesh_of, parts_of, sphere
-from poseppl.motion.geometry.outlines import limb_corners, outline_corners
 
 BENT = (-0.32, 0.15, 0.0, 0.0, 0.0)
 """Lens distortion of the bodytrack benchmark's cameras."""

@@ -10,7 +10,7 @@ from limbs_backwards import backwards
 from precision import precision
 
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
+from poseppl.motion.geometry.kinematic_jumps import bent_as_at_rest
 from poseppl.motion.recordings.subjects import walking_subject
 
 pytestmark = pytest.mark.full

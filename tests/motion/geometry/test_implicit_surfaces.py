@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.superquadric_rays import is_inside
-from poseppl_models.sminchisescu_triggs.implicit_surfaces import penetration, surface_distances
+from poseppl_models.sminchisescu_triggs.non_penetration import penetration, surface_distances
 from poseppl_models.sminchisescu_triggs.superquadrics import Superquadric, superquadrics_of
 from precision import precision
 from superquadric_views import TREE, last, local_points, random_part

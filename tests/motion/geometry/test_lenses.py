@@ -10,8 +10,7 @@ import pytest
 from precision import epsilon
 
 from poseppl.motion.geometry import project
-from poseppl.motion.geometry.lenses import distort, undistort
-from poseppl.motion.geometry.triangulation import viewing_rays
+from poseppl.motion.geometry.cameras import distort, undistort, viewing_rays
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.tracking.placing import cameras_of_records
 

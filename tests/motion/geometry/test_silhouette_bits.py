@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.plain_outlines import camera_of, cones_of, hull_silhouette
-from poseppl_models.du_guan.body import du_guan_body
-from poseppl_models.du_guan.contour_tracing import polygon_descriptors, trace_contours
+from poseppl_models.du_guan.evidence import polygon_descriptors, trace_contours
+from poseppl_models.du_guan.likelihood import du_guan_body
 from poseppl_models.images.part_samples import bilinear, nearest, pad_maps, weighted_mean
 from poseppl_models.images.silhouette_bits import body_bits, count_ones, grid_points, pack_mask, unpack_bits
 from precision import precision

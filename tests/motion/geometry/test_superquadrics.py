@@ -15,7 +15,7 @@ from precision import epsilon, precision
 from superquadric_views import TREE, distances_of, frame_of, last, placed_nodes, pose, random_part, silhouettes
 
 from poseppl.motion.geometry import Marker
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batch_last import batched_score
 from poseppl.motion.geometry.coverage import hard_coverage, soft_coverage
 
 SIZE = 3000.0  # mm: tolerances in mm are this times the rounding

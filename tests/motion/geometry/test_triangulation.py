@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
-from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, ray_distances, viewing_rays
 
 POINTS = np.random.default_rng(0).uniform(-400, 400, (20, 3)) + [0, 0, 1000]
 

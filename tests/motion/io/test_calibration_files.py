@@ -14,7 +14,7 @@ from damage import damaged_copies
 
 from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord, read_calibration, read_cameras
-from poseppl.motion.io.opencv_yaml import read_opencv_yaml
+from poseppl.motion.io.cameras_yaml import read_opencv_yaml
 
 MATRIX = np.array([[1680.5, 0.0, 532.25], [0.0, 1681.25, 948.5], [0.0, 0.0, 1.0]])
 TURN = cv2.Rodrigues(np.array([1.5, -0.5, 0.25]))[0]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
+from poseppl.motion.geometry.cameras import nearest_points, viewing_rays
 from poseppl.motion.io import read_cameras
-from poseppl.motion.io.caliscope import read_caliscope_points
+from poseppl.motion.io.detector_tables import read_caliscope_points
 from poseppl.motion.tracking.placing import cameras_of_records
 
 HEAD = "sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y\n"

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.io.c3d import read_c3d
-from poseppl.motion.io.c3d_writing import load_ezc3d, write_c3d
-from poseppl.motion.io.mot import read_mot, write_mot
+from poseppl.motion.io.c3d import load_ezc3d, read_c3d, write_c3d
 from poseppl.motion.io.motion import Motion, y_up, z_up
+from poseppl.motion.io.opensim_files import read_mot, write_mot
 from poseppl.motion.io.trc import read_trc, write_trc
 
 FRAMES = np.arange(3, 12, 3)

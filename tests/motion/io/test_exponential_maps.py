@@ -5,7 +5,7 @@ import pytest
 from recording_samples import EXPONENTIAL_MAPS, EXPONENTIAL_SKELETON
 
 from poseppl.errors import InputError
-from poseppl.motion.io.exponential_maps import UNIT_MM
+from poseppl.motion.io.json_skeletons import UNIT_MM
 from poseppl.motion.io.recording import read_motion
 
 

@@ -32,12 +32,12 @@ from poseppl.errors import PosepplError
 from poseppl.motion.io.bvh import read_bvh
 from poseppl.motion.io.c3d import read_c3d
 from poseppl.motion.io.c3d_layout import read_layout
-from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras import read_cameras
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
+from poseppl.motion.io.detector_tables import read_caliscope_points
 from poseppl.motion.io.keypoints import read_keypoints
-from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.observations import read_observations
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.io.recording import read_motion
 
 C3D = c3d_bytes(np.random.default_rng(0).normal(0, 300, (3, 4, 3)), ["LASI", "RASI", "*1", "LHipAngles"])

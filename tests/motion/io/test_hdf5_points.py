@@ -14,10 +14,9 @@ import pytest
 from damage import damaged_copies
 
 from poseppl.errors import InputError
-from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
-from poseppl.motion.io.deeplabcut_h5 import read_deeplabcut_h5
+from poseppl.motion.io.deeplabcut import read_deeplabcut_csv, read_deeplabcut_h5
+from poseppl.motion.io.detector_arrays import read_sleap
 from poseppl.motion.io.keypoints import detector_of, read_keypoints
-from poseppl.motion.io.sleap import read_sleap
 
 SAMPLES = Path(__file__).parent / "samples"
 FORMS = ["one_table", "one_fixed", "several_table", "several_fixed"]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.io.openpose import read_openpose
 
 
 def person(count: int, eye: float = 10.0) -> dict[str, Any]:

@@ -8,10 +8,8 @@ from damage import damaged_copies
 from recording_samples import c3d_bytes
 
 from poseppl.errors import InputError
-from poseppl.motion.io.c3d import read_c3d
-from poseppl.motion.io.c3d_layout import read_layout
-from poseppl.motion.io.c3d_numbers import DEC, real_numbers
-from poseppl.motion.io.c3d_writing import load_ezc3d
+from poseppl.motion.io.c3d import load_ezc3d, read_c3d
+from poseppl.motion.io.c3d_layout import DEC, read_layout, real_numbers
 
 POINTS = np.random.default_rng(0).normal(0.0, 300.0, (6, 4, 3)).astype(np.float32).astype(np.float64)
 LABELS = ["LASI", "RASI", "*1", "LHipAngles"]

@@ -7,7 +7,7 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io.motion import z_up
-from poseppl.motion.io.vertical_axis import AXES, check_axis, vertical_axis
+from poseppl.motion.io.units_and_axes import AXES, check_axis, vertical_axis
 
 NAMES = ("mixamorig:Head", "mixamorig:LeftToeBase", "mixamorig:RightToeBase", "mixamorig:LeftHand", "mixamorig:RightHand")
 STANDING = np.array([[0, 0, 1650], [100, 50, 20], [-100, 50, 20], [900, 0, 1400], [-900, 0, 1400]], float)

@@ -9,8 +9,8 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord, DetectedPeople, read_cameras
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
-from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.calibration_units import infer_unit
 
 MARKERS = markers_of_names(LAYOUTS["body25b"])

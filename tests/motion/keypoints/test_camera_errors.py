@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseppl.motion.geometry import join_cameras, look_at, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.camera_errors import camera_errors
 
 NOISE, FRAMES, POINTS = 4.0, 200, 10

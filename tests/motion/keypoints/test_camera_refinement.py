@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, PRIOR_WEIGHT, bundle_adjust
 
 FRAMES, POINTS, NOISE = 6, 8, 5.0

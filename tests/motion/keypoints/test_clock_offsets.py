@@ -12,7 +12,7 @@ from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import DetectedPeople, read_cameras
 from poseppl.motion.io.detections import without_strays
-from poseppl.motion.io.openpose import read_openpose
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.keypoints.clock_offsets import SYSTEMATIC, synchronize
 from poseppl.motion.keypoints.clocks import Clock, align, resampled
 from poseppl.motion.keypoints.people import associate_person

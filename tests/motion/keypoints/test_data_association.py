@@ -11,8 +11,8 @@ import pytest
 
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.io import CameraRecord, read_cameras
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
-from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.data_association import associate
 from poseppl.motion.keypoints.people import associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints, with_markers

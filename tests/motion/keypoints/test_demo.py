@@ -12,7 +12,7 @@ from poseppl.errors import InputError
 from poseppl.motion.geometry import project
 from poseppl.motion.io import read_cameras, read_keypoints
 from poseppl.motion.io.keypoint_layouts import markers_of_names
-from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.keypoints.demo import demo_walk, write_demo
 from poseppl.motion.tracking.placing import cameras_of_records

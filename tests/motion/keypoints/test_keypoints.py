@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.errors import InputError
 from poseppl.motion.geometry import project
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoint_layouts import markers_of_names
-from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.keypoints.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, bundle_adjust
 from poseppl.motion.keypoints.people import associate_person

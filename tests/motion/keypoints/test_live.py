@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.geometry.triangulation import triangulate
+from poseppl.motion.geometry.cameras import triangulate
 from poseppl.motion.io import DetectedPeople, read_calibration, read_cameras
 from poseppl.motion.io.growing_folders import KeypointFrame
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.io.keypoints import read_frame
-from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.keypoints.live import LiveTrack, sees_someone
 from poseppl.motion.keypoints.people import FollowedPerson, associate_person
 from poseppl.motion.keypoints.scene import scene_of_keypoints

@@ -8,8 +8,7 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.learned import bin_angles, read_factored_tables, train_factored_motion, write_factored_tables
-from poseppl.motion.learned.factored_tables import bins_of
-from poseppl.motion.learned.factored_training import phases_of
+from poseppl.motion.learned.factored_tables import bins_of, phases_of
 
 COORDINATES = [("root", "tx"), ("root", "ty"), ("root", "tz"), ("root", "Z"), ("hip", "X"), ("knee", "X")]
 RATE, PERIOD = 50.0, 50

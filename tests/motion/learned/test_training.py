@@ -11,7 +11,7 @@ from synthetic_walks import LOADINGS, walk, walks
 from poseppl.errors import InputError, PosepplError
 from poseppl.motion.learned import TrainingSettings, common_rate, train_motion_model
 from poseppl.motion.learned.angles import mean_angle
-from poseppl.motion.learned.baum_welch import baum_welch
+from poseppl.motion.learned.training import baum_welch
 
 SMALL = TrainingSettings(num_components=2, num_states=6, num_rounds=20)
 

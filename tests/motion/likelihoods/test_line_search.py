@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from poseppl_models.sminchisescu_triggs.line_search import edges_along_normals
+from poseppl_models.sminchisescu_triggs.contours import edges_along_normals
 
 pytestmark = pytest.mark.full
 

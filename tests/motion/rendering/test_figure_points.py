@@ -13,8 +13,7 @@ from poseppl.errors import InputError
 from poseppl.motion.io import read_motion, slice_frames
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.rendering import Setting, build_setting, find_toes
-from poseppl.motion.rendering.figure import SEGMENTS, dress_figure, figure_pose
-from poseppl.motion.rendering.points import JOINTS, SOLE, figure_points
+from poseppl.motion.rendering.figure import JOINTS, SEGMENTS, SOLE, dress_figure, figure_points, figure_pose
 from poseppl.motion.rendering.room import corner_cameras, room_around
 
 Build = Callable[..., Setting]

@@ -10,8 +10,8 @@ import pytest
 
 from poseppl.motion.geometry import project
 from poseppl.motion.rendering import Setting, Stage
-from poseppl.motion.rendering.furniture import CLEARANCE
-from poseppl.motion.rendering.points import JOINTS
+from poseppl.motion.rendering.figure import JOINTS
+from poseppl.motion.rendering.room import CLEARANCE
 from poseppl.motion.tracking.placing import cameras_of_records
 
 pytestmark = pytest.mark.full

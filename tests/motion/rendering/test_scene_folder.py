@@ -15,8 +15,8 @@ from poseppl.motion.io import read_cameras, read_masks, read_places
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.io.video_writing import video_writer
 from poseppl.motion.rendering import SensorNoise, Setting, Truth, write_scene
-from poseppl.motion.rendering.noise import expose, expose_long
-from poseppl.motion.rendering.points import JOINTS
+from poseppl.motion.rendering.figure import JOINTS
+from poseppl.motion.rendering.render import expose, expose_long
 
 Build = Callable[..., Setting]
 RATE = 30.0

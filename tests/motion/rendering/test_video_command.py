@@ -14,7 +14,7 @@ import xarray as xr
 
 from poseppl.cli import main
 from poseppl.motion.io import read_cameras, read_masks, read_places
-from poseppl.motion.rendering import Setting, packages
+from poseppl.motion.rendering import Setting, render
 from poseppl.motion.silhouettes.video_sources import read_scene_truth
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -110,11 +110,11 @@ def test_a_missing_opengl_says_which_packages_are_wanted() -> None:
 
 @pytest.mark.full
 def test_rendering_without_a_screen_is_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packages.importlib, "import_module", lambda name: name)
-    monkeypatch.setattr(packages.sys, "platform", "linux")
+    monkeypatch.setattr(render.importlib, "import_module", lambda name: name)
+    monkeypatch.setattr(render.sys, "platform", "linux")
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    packages.load_mujoco()
+    render.load_mujoco()
     assert os.environ["MUJOCO_GL"] == "egl"
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    packages.load_mujoco()
+    render.load_mujoco()
     assert os.environ["MUJOCO_GL"] == "osmesa"

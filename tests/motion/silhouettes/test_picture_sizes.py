@@ -7,7 +7,7 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord, VideoWarning
-from poseppl.motion.silhouettes.picture_sizes import fit_size
+from poseppl.motion.silhouettes.frame import fit_size
 
 RECORD = CameraRecord("front", np.eye(3), np.zeros(5), np.eye(3), np.zeros(3), (1920, 1087))
 

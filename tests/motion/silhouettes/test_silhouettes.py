@@ -17,8 +17,8 @@ from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.likelihoods import SilhouetteSeen
+from poseppl.motion.silhouettes.data import seek_silhouette
 from poseppl.motion.silhouettes.scene import silhouette_scene
-from poseppl.motion.silhouettes.start import seek_silhouette
 from poseppl.motion.tracking import TrackSettings, make_problem, track
 from poseppl.runs.results import provenance
 from poseppl.runs.run import frame_inputs

@@ -15,7 +15,7 @@ from poseppl.diagnostics.verdicts import verdicts
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.io import read_calibration
-from poseppl.motion.io.openpose import read_openpose
+from poseppl.motion.io.json_detectors import read_openpose
 from poseppl.motion.keypoints.keypoint_scene import KeypointScene
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings

@@ -13,9 +13,8 @@ from drawn_bodies import drawn_result
 from poseppl_models.bodies.choo_fleet import full_body
 
 from poseppl.errors import InputError
-from poseppl.motion.io.c3d import read_c3d
-from poseppl.motion.io.c3d_writing import load_ezc3d
-from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.c3d import load_ezc3d, read_c3d
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.tracking.estimates import angle_estimates, clock_of
 from poseppl.motion.tracking.export import export

@@ -14,7 +14,7 @@ from drawn_bodies import drawn_result
 from poseppl_models.bodies.choo_fleet import full_body
 from waiting import PATIENCE
 
-from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.opensim_files import read_mot
 from poseppl.motion.tracking.export import export
 
 SCRIPT = Path(__file__).parents[1] / "io" / "opensim_reading.py"

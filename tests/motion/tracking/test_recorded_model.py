@@ -207,7 +207,7 @@ def test_every_body_of_the_models_is_listed() -> None:
             "poseppl_models.bodies.cone_body:cone_body",
             "builds no body: TypeError.*missing 2 required positional arguments.*a function of seg",
         ),
-        ("poseppl_models.bodies.joint_limits:joint_limits", "builds no body: AttributeError"),
+        ("poseppl_models.bodies.joint_angles:joint_limits", "builds no body: AttributeError"),
         ("builtins:dict.fromkeys", "has no builder 'dict.fromkeys'"),
         ("builtins:repr", "returns a str"),
     ],

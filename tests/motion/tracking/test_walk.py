@@ -33,7 +33,7 @@ from poseppl.motion.tracking.walk import (
     velocity_steps,
 )
 from poseppl.motion.tracking.walk_learning import Expansion, expected_steps, learn_walk
-from poseppl.motion.verdicts.remedies import of_walk
+from poseppl.motion.verdicts.steps import of_walk
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import frame_inputs
 

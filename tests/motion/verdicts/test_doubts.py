@@ -8,7 +8,7 @@ import xarray as xr
 
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.verdicts.doubts import WHOLE, doubts_in_a_row, doubts_of
-from poseppl.motion.verdicts.image_errors import image_errors
+from poseppl.motion.verdicts.residuals import image_errors
 
 CAMERAS, MARKERS = ("left", "right"), ("hip", "knee", "toe")
 

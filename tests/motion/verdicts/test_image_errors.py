@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from poseppl.motion.verdicts.image_errors import LARGEST, MIN_SHARE, ImageErrors
+from poseppl.motion.verdicts.residuals import LARGEST, MIN_SHARE, ImageErrors
 
 FRAMES, MARKERS = 4000, 2
 BIAS, SPREAD = np.array([[0.0, 0.0], [12.0, -7.0]]), np.array([2.0, 5.0])

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from waiting import PATIENCE, wait_until
 
-from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.files.netcdf import write_netcdf
 from poseppl.jobs import Job
 
 

@@ -14,7 +14,7 @@ from waiting import PATIENCE, wait_until
 
 from poseppl.errors import InputError
 from poseppl.jobs import JobError, Processes, run_jobs
-from poseppl.jobs.processes import available_cores, core_shares, local_workers
+from poseppl.jobs.cluster import available_cores, core_shares, local_workers
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="cores and processes are looked up as Linux has them")
 

@@ -10,14 +10,13 @@ from typing import Any
 import pytest
 from job_samples import Draw, draw
 from poseppl_papers.experiment import Experiment, Jobs, Part, Results, Task
-from poseppl_papers.provenance import RECORD
 from poseppl_papers.recordings import BUILT_IN, Recording
 from poseppl_papers.reproduction import reproduce
-from poseppl_papers.tables import Table
+from poseppl_papers.tables import RECORD, Table
 
 from poseppl.errors import InputError
-from poseppl.jobs import run, versions
-from poseppl.jobs.versions import source_hash
+from poseppl.jobs import job, run
+from poseppl.jobs.job import source_hash
 
 
 class Listener:
@@ -104,7 +103,7 @@ def test_results_of_another_source_are_computed_again(tmp_path: Path, monkeypatc
 def test_a_table_says_which_source_made_it(tmp_path: Path) -> None:
     reproduce(experiment(a=first), tmp_path, executor="inline")
     made = json.loads((tmp_path / RECORD).read_text())["means"]["versions"]
-    assert f"poseppl {versions.versions()['poseppl']}" in made and "+" in made.split(", ")[0]
+    assert f"poseppl {job.versions()['poseppl']}" in made and "+" in made.split(", ")[0]
 
 
 def test_the_hash_is_that_of_all_that_decides_results(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from poseppl.smoothers.published.artificial_prior import summarise
+from poseppl.smoothers.published.two_filter import summarise
 
 INFLATION = 1.5
 
