@@ -22,7 +22,7 @@ from poseppl.gaussians.walk_chains import WalkChains, ar1_chains
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.recorded_frames import MarkerKinematics, image_points, image_slopes, image_slopes_by_pose
-from poseppl.runs.run import Constant
+from poseppl.motion.tracking.recorded_velocities import velocity_chains, without_constants
 from poseppl.smoothers.marginal_errors import SeenWalk, Unchanging
 
 _RIDGE = 1e-4, 1e-5
@@ -69,7 +69,7 @@ class SeenBody(NamedTuple):
         """How poses, velocities and the places of markers beside their joints walk."""
         own = self.inputs
         shift = ar1_chains(own.errors.shift_kept, float(own.errors.shift_scale), 3 * len(self.markers))
-        return _walk_along_velocities(own).beside(shift)
+        return velocity_chains(own).beside(shift)
 
     def states(self, poses: Floats) -> Floats:
         """Trajectory (T, n) of poses (T, d) at rest, with markers in their joints."""
@@ -151,9 +151,7 @@ def seen_body(inputs: Any, points: Floats) -> SeenBody:
         inputs: Inputs of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
         points: (T, C, K, 2) image points, NaN where a marker was not seen.
     """
-    own = jax.tree.map(
-        lambda leaf: leaf.value if isinstance(leaf, Constant) else leaf, inputs, is_leaf=lambda leaf: isinstance(leaf, Constant)
-    )
+    own = without_constants(inputs)
     known = np.asarray(np.isfinite(points).all(-1))
     markers = np.flatnonzero(known.any((0, 1)))
     seen = np.where(known[..., None], points, 0.0)[:, :, markers]
@@ -224,24 +222,6 @@ class BodyView(NamedTuple):
             fill(place, error, np.swapaxes(across, -1, -2))
             fill(error, error, across @ scale)
             yield block
-
-
-def _walk_along_velocities(own: BodyInputs) -> WalkChains:
-    """Poses and velocities; see ``poseppl_models.bodies.detected_points``."""
-    steps, start, spread = (np.asarray(each, np.float64) for each in (own.step_scale, own.start, own.start_scale))
-    paces: Any = own.velocities
-    scale, kept, along = (np.asarray(each, np.float64) for each in paces)
-    left, mean = np.ones_like(steps), np.zeros_like(steps)
-    if own.posture is not None:
-        left = np.asarray(own.posture.kept, np.float64)
-        mean = (1 - left) * np.asarray(own.posture.mean, np.float64)
-    whole, way = 1 / steps, left * along[:, None] / steps
-    whole[0], way[0], mean[0] = 1 / spread, 0.0, start
-    before = left / steps
-    before[0] = 0.0
-    pace = ar1_chains(kept, scale, len(scale))
-    chains = WalkChains(whole, before, -way, way, whole * mean)
-    return chains.beside(pace)
 
 
 def _by_series(values: NDArray[Any]) -> NDArray[Any]:
