@@ -23,7 +23,7 @@ from poseppl.motion.points.fit import GAUSSIAN, NO_CLUTTER
 from poseppl.motion.points.named_points import FREEDOM, START_SCALE, PointRecording, filled, local_frame, logits
 from poseppl.motion.points.swaps import SeenPoints
 
-_STEPS = 5
+_STEPS = 2, 3, 5
 """Steps at most, of each of three climbs."""
 _NOTHING = 0.01
 """Nats that a point's step has to promise."""
@@ -146,8 +146,8 @@ def recorded_points(recording: PointRecording, errors: KnownErrors) -> SeenPoint
         part = slice(first, first + together)
         own, x = data.of_points(part), np.zeros((len(points), *walk.mean[part].shape))
         x[..., :3] = start[:, part]
-        for kind in (_Errors(GAUSSIAN, False), _Errors(FREEDOM, False), _Errors(FREEDOM, True)):
-            x = _climbed(own, walk.of_points(part), kind, x)
+        for kind, most in zip((_Errors(GAUSSIAN, False), _Errors(FREEDOM, False), _Errors(FREEDOM, True)), _STEPS, strict=True):
+            x = _climbed(own, walk.of_points(part), kind, x, most)
         images[:, :, part] = own.seen(x)
     return SeenPoints(images, scale, odds, recording.sizes)
 
@@ -182,9 +182,9 @@ def motion_step(elapsed: float, tau: float) -> tuple[Floats, Floats]:
     return np.array([[1.0, tau * gone], [0.0, kept]]), np.array([[place, 0.0], [beside, rest]])
 
 
-def _climbed(data: _Data, walk: _Walk, errors: _Errors, x: Floats) -> Floats:
+def _climbed(data: _Data, walk: _Walk, errors: _Errors, x: Floats, most: int) -> Floats:
     """States (T, K, n), some steps nearer to the mode of each point."""
-    for _ in range(_STEPS):
+    for _ in range(most):
         step, promised = _step(data, walk, errors, x)
         before, length = _log_density(data, walk, errors, x), np.ones(x.shape[1])
         for shorter in _SHORTER:

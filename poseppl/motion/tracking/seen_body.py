@@ -190,6 +190,20 @@ class BodyView(NamedTuple):
 
     def reduced(self, weight: Floats, ratio: float) -> tuple[int, Iterator[Floats]]:
         """Three errors a marker, and what each frame's points tell of pose, velocity, places and these."""
+        return 3 * self.by_place.shape[1], self._information(*self._of_places(weight, ratio))
+
+    def reduced_noise(self, weight: Floats, ratio: float, rng: np.random.Generator, count: int) -> Floats:
+        """Draws (T, N, n + m) with mean 0, whose covariance is that information."""
+        precision, root = self._of_places(weight, ratio)
+        (frames, markers), width = precision.shape[:2], self.moves.shape[2]
+        forces = _symmetric_root(precision) @ rng.standard_normal((frames, markers, 3, count))
+        place, error = (each.reshape(frames, 3 * markers, count) for each in (forces, root @ forces))
+        pose = np.swapaxes(self.moves, 1, 2) @ place
+        found = np.concatenate([pose, np.zeros((frames, width, count)), place, error], 1)
+        return np.ascontiguousarray(np.swapaxes(found, 1, 2), np.float32)
+
+    def _of_places(self, weight: Floats, ratio: float) -> tuple[Floats, Floats]:
+        """What points tell of places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
         frames, markers = self.by_place.shape[:2]
         each = weight.reshape(markers, -1, frames, 2, 2).transpose(2, 0, 1, 3, 4)
         slopes = self.by_place.reshape(frames, markers, 3, -1, 2)
@@ -197,8 +211,7 @@ class BodyView(NamedTuple):
         precision = weighed @ np.swapaxes(self.by_place, -1, -2)
         eye, relative = np.eye(3), _RIDGE[0] * np.trace(precision, axis1=-2, axis2=-1)[..., None, None]
         inverse = np.linalg.inv(precision + (relative + _RIDGE[1]) * eye)
-        root = ratio * _symmetric_root(inverse @ (weighed @ np.swapaxes(weighed, -1, -2)) @ inverse)
-        return 3 * markers, self._information(precision, root)
+        return precision, ratio * _symmetric_root(inverse @ (weighed @ np.swapaxes(weighed, -1, -2)) @ inverse)
 
     def _information(self, precision: Floats, root: Floats) -> Iterator[Floats]:
         """Frame by frame, of what points tell of places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
