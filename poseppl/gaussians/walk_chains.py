@@ -268,7 +268,7 @@ def _innovation_variances(chains: WalkChains, covariance: Floats, across: Floats
     walk, pace = chains._parts
     own, before, along, along_before = chains.own, chains.before, chains.along, chains.along_before
     variance, beside = np.einsum("tii->ti", covariance), np.einsum("tii->ti", covariance[:, walk, pace])
-    found = own**2 * variance
+    found: Floats = own**2 * variance
     found[:, walk] += along**2 * variance[:, pace] + 2 * own[:, walk] * along * beside
     if len(found) > 1:
         last = across[:-1]

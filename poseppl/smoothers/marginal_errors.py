@@ -13,10 +13,10 @@ P couples distant frames, so the system is solved by conjugate gradients. The pr
 part of e that looks like a step of what is seen is kept, a few coordinates more in each frame (:meth:`View.reduced`). If J, G
 and kept are the same in all frames, nothing else of e matters, and one iteration is exact; usually two or three are enough.
 
-The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws solve
-for data and prior perturbed by their own noise, which is exact for a Gaussian. It is that of the reduced errors, whose standard
-deviations are known without Monte Carlo error. The curvature is taken at errors as large as they are expected to be, and parameters that do
-not change keep their prior, as in :mod:`poseppl.smoothers.cut_laplace`.
+The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws are of
+the Gaussian of reduced errors, and standard deviations are its own, without Monte Carlo error. The curvature is taken at
+errors as large as they are expected to be, and parameters that do not change keep their prior, as in
+:mod:`poseppl.smoothers.cut_laplace`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.errors import PosepplError
-from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, times_pairs
+from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, root_of_pairs, times_pairs
 from poseppl.gaussians.walk_chains import WalkChains, WalkFactor, ar1_chains, conjugate_gradients, walk_factor
 
 _WEIGHTS = (1e-3, 0.03, 0.2)
@@ -318,18 +318,17 @@ def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -
 
 def _drawn(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, count: int) -> Iterator[Floats]:
     """Draws of x (T, N, n), by parts, with the precision of the factor: the modes of data and prior with noise of their own."""
-    num_frames, size = model.chains.own.shape
     for part in _parts(count, model):
-        number = part.stop - part.start
-        right = model.view.reduced_noise(model.errors.weight, model.errors.ratio, rng, number)
-        right += factor.chains.pulled(rng.standard_normal(right.shape, np.float32))
-        yield factor.solve(right)[..., :size]
+        right = model.view.reduced_noise(model.errors.weight, model.errors.ratio, rng, part.stop - part.start)
+        noise: Floats = rng.standard_normal(right.shape, np.float32)  # type: ignore[assignment]
+        right += factor.chains.pulled(noise)
+        yield factor.solve(right)[..., : model.chains.own.shape[1]]
 
 
 def _errors_beside(model: _Curvature, rng: np.random.Generator, x: Floats) -> Floats:
     """Draws of e (N, M, T, 2), given those of x (T, N, n)."""
     errors, shape = model.errors, (x.shape[1], *model.errors.weight.shape[:-1])
-    noise = times_pairs(_square_root(errors.weight), rng.standard_normal(shape))
+    noise = times_pairs(root_of_pairs(errors.weight), rng.standard_normal(shape))
     right = errors.pulled(rng.standard_normal(shape)) + errors.ratio * noise
     return errors.solve(right - errors.ratio * errors.weigh(model.view.seen(x)))
 
@@ -349,10 +348,3 @@ def _parts(count: int, model: _Curvature) -> Iterator[slice]:
     numbers = 8 * model.chains.own.size + 6 * model.errors.weight.size
     most = max(2, min(count, _ROOM // (8 * numbers)))
     return (slice(first, min(first + most, count)) for first in range(0, count, most))
-
-
-def _square_root(matrices: Floats) -> Floats:
-    """Symmetric square roots of positive semi-definite matrices (..., 2, 2)."""
-    det = np.sqrt(np.maximum(np.linalg.det(matrices), 0.0))[..., None, None]
-    size = np.trace(matrices, axis1=-2, axis2=-1)[..., None, None] + 2 * det
-    return np.asarray((matrices + det * np.eye(2)) / np.sqrt(np.where(size > 0, size, 1.0)))

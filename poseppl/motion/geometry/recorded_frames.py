@@ -31,12 +31,12 @@ class _Links(NamedTuple):
 
 
 class MarkerKinematics(NamedTuple):
-    """What places of a body's K markers depend on, laid out once.
+    """The tables that the places of a body's K markers are computed with.
 
     Attributes:
-        offsets: Of the links, mm (L, 3), or of each frame (T, L, 3).
-        marker_offsets: Of the markers, likewise (K, 3).
-        parents: Of the links (L,); the root's is itself.
+        offsets: Offsets of the links, mm (L, 3), or in each frame (T, L, 3).
+        marker_offsets: Offsets of the markers, likewise (K, 3).
+        parents: Parents of the links (L,); the root's is itself.
         levels: Links of one depth, one slice after the other.
         angles: Coordinates of the links' turns about Z, Y and X (L, 3); the last column of a padded pose where there is none.
         marker_link: (K,).
@@ -184,7 +184,11 @@ def depths(cameras: Cameras, places: Floats) -> Floats:
 def _lenses(cameras: Cameras) -> list[Cameras]:
     """The cameras one by one, in float64."""
     double: Any = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), cameras)
-    return [jax.tree.map(lambda leaf: leaf[c], double) for c in range(len(double.centre))]
+    table = None if double.distortion is None else list(double.distortion)
+    rows = zip(
+        double.rotation, double.centre, double.focal, double.principal, table or [None] * len(double.centre), strict=True
+    )
+    return [Cameras(*row) for row in rows]
 
 
 def _in_camera(lens: Cameras, places: Floats) -> Floats:

@@ -11,7 +11,7 @@ doi:10.1162/neco.1992.4.3.415): errors that all cameras share, which no data sho
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -147,7 +147,8 @@ def _moved(cameras: Cameras, errors: Floats) -> Cameras:
     turns = Rotation.from_rotvec(errors[:, :3]).as_matrix()
     rotation = np.einsum("cij,cjk->cik", turns, np.asarray(cameras.rotation, np.float64))
     centre = np.asarray(cameras.centre, np.float64) + errors[:, 3:]
-    return cameras._replace(rotation=rotation, centre=centre)
+    moved: Any = {"rotation": rotation, "centre": centre}
+    return cameras._replace(**moved)
 
 
 def _world_turns(cameras: Cameras, moved: Cameras) -> Floats:

@@ -1,14 +1,13 @@
 r"""Points of a recording smoothed under params that are known, each by itself, with NumPy: nothing is compiled.
 
-The model is that of ``poseppl_models.bodies.named_points``, whose state of a point is here x = (position, velocity, autocorrelated
-errors, biases), the last two (C, 2) each. Its mode is sought by damped Gauss-Newton steps of the quadratic that touches the
-errors' potential from above, as by :func:`poseppl.motion.points.fit.points_mode`: first with errors that are nearly Gaussian,
-then with Student-t ones, then with clutter.
+The model is that of ``poseppl_models.bodies.named_points``. The state of a point is here x = (position, velocity,
+autocorrelated errors, biases), the last two (C, 2) each. Its mode is sought by damped Gauss-Newton steps of the quadratic that
+touches the errors' potential from above, as by :func:`poseppl.motion.points.fit.points_mode`: first with errors that are nearly
+Gaussian, then with Student-t ones, then with clutter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +37,7 @@ class KnownErrors(NamedTuple):
 
     Attributes:
         size: Scale of each camera's errors at a confidence of 0.95, px (C,).
-        speed: Of the points, mm a second (K,).
+        speed: Speeds of the points, mm a second (K,).
         speed_lasts: Seconds.
         slope: Change of the log scale with the confidence's logit.
         clutter: Log-odds of clutter at that confidence.
@@ -66,19 +65,21 @@ class _Walk(NamedTuple):
     mean: Floats
 
     def innovations(self, x: Floats) -> Floats:
-        """Of trajectories (T, K, n)."""
+        """Compute those of trajectories (T, K, n)."""
         found = np.empty_like(x)
         found[0] = self.first * (x[0] - self.mean)
         found[1:] = _times(self.own, x[1:]) - _times(self.before, x[:-1])
         return found
 
     def of_points(self, part: slice) -> _Walk:
-        """Of some of the points."""
+        """Take some of the points."""
         return _Walk(*(each[part] for each in self))
 
 
 class _Data(NamedTuple):
-    """What T frames see of K points: points (T, C, K, 2), known and scale (T, C, K), log-odds of clutter, less the picture's log.
+    """Detections of K points in T frames: points (T, C, K, 2), known and scale (T, C, K).
+
+    ``odds`` are log-odds of clutter, less the log of the picture's size.
 
     ``lasting`` and ``bias`` (C,) are standard deviations, px.
     """
@@ -92,9 +93,9 @@ class _Data(NamedTuple):
     bias: Floats
 
     def of_points(self, part: slice) -> _Data:
-        """Of some of the points."""
-        points, known, scale, odds = (each[:, :, part] for each in (self.points, self.known, self.scale, self.odds))
-        return self._replace(points=points, known=known, scale=scale, odds=odds)
+        """Take some of the points."""
+        cut: Any = {name: getattr(self, name)[:, :, part] for name in ("points", "known", "scale", "odds")}
+        return self._replace(**cut)
 
     def wrong(self, x: Floats) -> Floats:
         """Autocorrelated errors and biases of states (T, K, n), px (T, C, K, 2)."""
@@ -102,7 +103,7 @@ class _Data(NamedTuple):
         return np.moveaxis(self.lasting[:, None] * errors + self.bias[:, None] * biases, 1, 2)
 
     def seen(self, x: Floats) -> Floats:
-        """Where states (T, K, n) are seen (T, C, K, 2)."""
+        """Image points (T, C, K, 2) of states (T, K, n)."""
         return np.swapaxes(image_points(self.cameras, x[..., :3]), 0, 1) + self.wrong(x)
 
 
@@ -130,7 +131,7 @@ def recorded_points(recording: PointRecording, errors: KnownErrors) -> SeenPoint
     places = triangulate(recording.cameras, recording.points, recording.confidence)
     frame, _ = local_frame(recording, places)
     start = filled(places, frame.origin)
-    known = np.isfinite(recording.points).all(-1)
+    known = np.asarray(np.isfinite(recording.points).all(-1))
     above = logits(recording.confidence) - CONFIDENCE
     scale = errors.size[:, None] * np.exp(errors.slope * above)
     odds = errors.clutter + errors.clutter_slope * above
@@ -169,9 +170,9 @@ def _walk(errors: KnownErrors, elapsed: float, start: Floats, spread: float, num
 
 
 def motion_step(elapsed: float, tau: float) -> tuple[Floats, Floats]:
-    """Matrix (2, 2) of the mean of a place and its velocity, and Cholesky factor of their covariance at speed 1; see the programs.
+    """Matrix (2, 2) of the mean of a place and its velocity, and Cholesky factor of their covariance at speed 1.
 
-    The variance of the place is a series where its closed form cancels.
+    The formulas are those of the programs. The variance of the place is a series where its closed form cancels.
     """
     h = elapsed / tau
     kept, gone = np.exp(-h), -np.expm1(-h)
@@ -210,7 +211,7 @@ def _step(data: _Data, walk: _Walk, errors: _Errors, x: Floats) -> tuple[Floats,
     seen, slopes = (np.swapaxes(each, 0, 1) for each in image_slopes(data.cameras, x[..., :3]))
     off = data.points - seen - data.wrong(x)
     root = np.sqrt(errors.weights(data, off)[1])[..., None]
-    rows = np.zeros((num_frames, count, num_cameras, 2, size))
+    rows: Floats = np.zeros((num_frames, count, num_cameras, 2, size))
     rows[..., :3] = np.moveaxis(slopes * root[..., None], 1, 2)
     weighed = np.moveaxis(root[..., 0], 1, 2)
     for c in range(num_cameras):

@@ -111,7 +111,8 @@ def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generato
 def _kept_of_block(body: SeenBody, drawn: _Drawn, velocities: Floats, kept: Any) -> tuple[dict[str, Any], ...]:
     """Draws of extras and of sites that are kept of some frames, (T, 1, draws, ...), and moments of the extras."""
     markers, points = _places_of(body, drawn)
-    extras, summary = {"markers": markers[:, None, kept], "points": points[:, None, kept]}, {}
+    extras = {"markers": markers[:, None, kept], "points": points[:, None, kept]}
+    summary: dict[str, Any] = {}
     for name, values in (("markers", markers), ("points", points)):
         summary |= {f"{name}_{moment}": found for moment, found in _moments(values).items()}
     sites = {"state": drawn.poses, "shift": drawn.shifts, "velocity": velocities}
@@ -185,8 +186,8 @@ def _places_of(body: SeenBody, drawn: _Drawn) -> tuple[NDArray[np.float32], NDAr
     own, per_length = MarkerKinematics.of(body.tree), body.inputs.errors.per_length
     if per_length is not None:
         parts = (own.offsets, per_length.offsets), (own.marker_offsets, per_length.marker_offsets)
-        drawn_offsets = (base + np.tensordot(drawn.lengths, np.asarray(each, np.float64), 1) for base, each in parts)
-        own = own.with_offsets(*(np.tile(np.asarray(each, single), (frames, 1, 1)) for each in drawn_offsets))
+        own_offsets: Any = [base + np.tensordot(drawn.lengths, np.asarray(each, np.float64), 1) for base, each in parts]
+        own = own.with_offsets(*(np.tile(each.astype(single), (frames, 1, 1)) for each in own_offsets))
     poses = drawn.poses.reshape(-1, width).astype(single)
     markers = own.places(poses).reshape(frames, count, -1, 3) + drawn.shifts.astype(single)
     errors = drawn.errors if drawn.errors.size else None

@@ -1,6 +1,6 @@
-"""The scales of a body's velocities in a whole recording: the steps of :mod:`poseppl.motion.tracking.velocity_learning` in NumPy.
+"""The scales of a body's velocities in a whole recording, with NumPy.
 
-The body's points have independent Gaussian errors, and its poses are known about. Nothing is compiled.
+They are those of :mod:`poseppl.motion.tracking.velocity_learning`. The body's points have independent Gaussian errors, and its poses are known about. Nothing is compiled.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class SeenPoses(NamedTuple):
     """Points of K markers in C cameras, with independent errors.
 
     Attributes:
-        kinematics: Of the K markers.
+        kinematics: Kinematics of the K markers.
         cameras: C cameras.
         points: (T, C, K, 2), 0 where not seen.
         weights: Inverse standard deviations (T, C, K), 0 where not seen.
@@ -52,7 +52,7 @@ class SeenPoses(NamedTuple):
 def seen_poses(own: BodyInputs, observation: Observation) -> SeenPoses:
     """Lay out the site ``points`` of a body's programs, whose inputs are without wrapped constants."""
     points, mask = (np.asarray(part["points"]) for part in (observation.values, observation.mask))
-    known = np.broadcast_to(mask, points.shape).all(-1)
+    known = np.asarray(np.broadcast_to(mask, points.shape).all(-1))
     noise = np.broadcast_to(np.asarray(own.noise, np.float64), known.shape)
     weights = np.where(known, 1 / noise, 0.0)
     return SeenPoses(MarkerKinematics.of(own.tree), own.cameras, np.where(known[..., None], points, 0.0), weights)
@@ -66,7 +66,7 @@ def without_constants(inputs: Any) -> Any:
 
 
 def velocity_chains(own: BodyInputs) -> WalkChains:
-    """How poses and their velocities walk, by the inputs of ``poseppl_models.bodies.detected_points`` without wrapped constants."""
+    """How poses and their velocities walk, by inputs of ``poseppl_models.bodies.detected_points`` without constants."""
     steps, start, spread = (np.asarray(each, np.float64) for each in (own.step_scale, own.start, own.start_scale))
     paces: Any = own.velocities
     scale, kept, along = (np.asarray(each, np.float64) for each in paces)
@@ -104,7 +104,8 @@ def learned_paces(
     members, scales = np.bincount(group), np.ones(width)
     for _ in range(NUM_ROUNDS):
         there = speeds * scales
-        walk = own._replace(step_scale=way[:, None] * there, velocities=Velocities(there, kept, step))
+        paces: Any = {"step_scale": way[:, None] * there, "velocities": Velocities(there, kept, step)}
+        walk = own._replace(**paces)
         vector, information = seen.expanded(poses)
         try:
             found = expected_walk(velocity_chains(walk), information, vector)

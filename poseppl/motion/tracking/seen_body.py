@@ -40,7 +40,7 @@ class SeenBody(NamedTuple):
         points: (T, C, K, 2) image points of these, 0 where not seen.
         known: Whether they are seen (T, C, K).
         scale: Scale of the independent errors (T, C, K), image units.
-        kinematics: Of the seen markers.
+        kinematics: Kinematics of the seen markers.
     """
 
     tree: KinematicTree
@@ -203,7 +203,7 @@ class BodyView(NamedTuple):
         return np.ascontiguousarray(np.swapaxes(found, 1, 2), np.float32)
 
     def _of_places(self, weight: Floats, ratio: float) -> tuple[Floats, Floats]:
-        """What points tell of places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
+        """Information of the points on places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
         frames, markers = self.by_place.shape[:2]
         each = weight.reshape(markers, -1, frames, 2, 2).transpose(2, 0, 1, 3, 4)
         slopes = self.by_place.reshape(frames, markers, 3, -1, 2)

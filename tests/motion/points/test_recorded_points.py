@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.bodies.named_points import motion_transition
 
 from poseppl.compilation import double_precision
 from poseppl.motion.geometry import join_cameras, look_at
@@ -13,7 +14,6 @@ from poseppl.motion.points.fit import points_mode
 from poseppl.motion.points.named_points import PointRecording, make_point_problem
 from poseppl.motion.points.recorded_points import KnownErrors, motion_step, recorded_points
 from poseppl.motion.points.smoothing import seen_points
-from poseppl_models.bodies.named_points import motion_transition
 
 RATE, NUM_FRAMES, NUM_POINTS = 50.0, 14, 3
 

@@ -11,6 +11,7 @@ import pytest
 from test_marginal_smoothing import FRAMES, RATE, seen_walk
 
 from poseppl.compilation import double_precision
+from poseppl.gaussians.walk_chains import expected_walk
 from poseppl.motion.bodies.body import Velocities
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl.motion.tracking.problem import body_inputs, make_problem
@@ -19,7 +20,6 @@ from poseppl.motion.tracking.triangulated_start import triangulated_places, tria
 from poseppl.motion.tracking.velocity_learning import velocity_walk
 from poseppl.motion.tracking.walk import velocity_steps
 from poseppl.motion.tracking.walk_learning import Expansion, expand, expected_innovations
-from poseppl.gaussians.walk_chains import expected_walk
 from poseppl.runs.frame_sequence import frame_sequence
 
 
@@ -51,7 +51,9 @@ def test_expected_innovations_are_those_of_the_programs() -> None:
     np.testing.assert_allclose(found.means, means, atol=1e-3)
     turn = np.eye(2 * width) - np.diag(np.full(width, step[0]), k=width)
     squares = np.einsum("ij,tjk,ik->ti", turn, products, turn)
-    expected = np.concatenate([squares[:, :width] / (way[0] * scale) ** 2, squares[:, width:] / (1 - kept[0] ** 2) / scale**2], 1)
+    expected = np.concatenate(
+        [squares[:, :width] / (way[0] * scale) ** 2, squares[:, width:] / (1 - kept[0] ** 2) / scale**2], 1
+    )
     np.testing.assert_allclose(found.squares[1:], expected, rtol=1e-3)
     first = (means[0, width:] ** 2 + np.diagonal(covariances[0])[width:]) / scale**2
     np.testing.assert_allclose(found.squares[0, width:], first, rtol=1e-4)
