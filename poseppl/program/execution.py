@@ -67,7 +67,7 @@ class RngBudget(NamedTuple):
     """The random numbers that a draw from a program uses.
 
     Attributes:
-        num_keys: PRNG keys of its own, for sites that are not Normal, and plates that subsample.
+        num_keys: PRNG keys of its own, for sites that are not Normal.
         num_normals: Standard normal numbers, entries of its Normal sites.
     """
 
@@ -185,6 +185,11 @@ def _check_has_density(msg: Mapping[str, Any]) -> None:
             "asks for numpyro.prng_key(): what it draws with a key of its own is no site, and its density would leave it "
             "out. Sample it with numpyro.sample."
         )
+    if msg["type"] == "plate":
+        raise refuse(
+            f"draws a subsample in the plate {msg['name']!r}, and the data would be those of other indices in each frame. "
+            "Leave subsample_size out, with NaN for what was not seen."
+        )
     if msg["type"] == "sample" and isinstance(unwrap(msg["fn"]), dist.ImproperUniform):
         raise refuse(
             f"samples {msg['name']!r} from ImproperUniform, from which nothing can be drawn. Use a proper distribution, such "
@@ -204,8 +209,7 @@ def trace_program(
     Args:
         program: A NumPyro program.
         arguments: Its arguments.
-        seed: RngBudget of the sites that `values` does not give. Without it a constant key serves plates, whose draws are
-            never used.
+        seed: RngBudget of the sites that `values` does not give. Without it a constant key serves them.
         values: Values of sample sites.
 
     Returns:

@@ -152,6 +152,11 @@ def with_own_key(params, state, inputs):
     numpyro.sample("slope", dist.Normal(state["slope"], 0.5))
 
 
+def subsampled(params, state, inputs):
+    with numpyro.plate("sensors", 2, subsample_size=1) as seen:
+        numpyro.sample("reading", dist.Normal(state["slope"][seen], 0.5))
+
+
 @pytest.mark.full
 def test_draws_without_a_density_and_densities_without_draws():
     with pytest.raises(ValueError, match="initial program samples 'level' from ImproperUniform.*wide Normal"):
@@ -160,6 +165,8 @@ def test_draws_without_a_density_and_densities_without_draws():
         StateSpaceModel(initial, improper, observation).compile()
     with pytest.raises(ValueError, match="transition program asks for numpyro.prng_key\\(\\).*numpyro.sample"):
         StateSpaceModel(initial, with_own_key, observation).compile()
+    with pytest.raises(ValueError, match="observation program draws a subsample in the plate 'sensors'.*NaN"):
+        StateSpaceModel(initial, transition, subsampled).compile()
 
 
 @pytest.mark.full
