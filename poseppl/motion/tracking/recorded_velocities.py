@@ -1,6 +1,7 @@
 """The scales of a body's velocities in a whole recording, with NumPy.
 
-They are those of :mod:`poseppl.motion.tracking.velocity_learning`. The body's points have independent Gaussian errors, and its poses are known about. Nothing is compiled.
+They are those of :mod:`poseppl.motion.tracking.velocity_learning`, of points with independent Gaussian errors and of poses that
+are known about. Nothing is compiled.
 """
 
 from __future__ import annotations
