@@ -28,7 +28,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import jit_lightly
 from poseppl.errors import Argument, InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
@@ -97,7 +96,7 @@ def check_walk(problem: Problem) -> None:
     model, free = problem.model, problem.body.free_coordinates
     x, second = np.ones(model.dimension, np.float32), frame_inputs(problem.inputs, 1)
     try:
-        mean, covariance = jit_lightly(model.transition_moments)(x, second)
+        mean, covariance = _transition_moments(model, x, second)
     except ValueError as error:
         raise _unlearnable(error) from error
     own = jax.tree.map(np.asarray, body_inputs(second))
@@ -105,6 +104,12 @@ def check_walk(problem: Problem) -> None:
     still = np.allclose(mean, kept * x + offset, atol=1e-5)
     if not still or not np.allclose(covariance, np.diag(own.step_scale[list(free)] ** 2), rtol=1e-3, atol=0.0):
         raise _unlearnable("its transition is not the random walk of its inputs' step_scale and posture")
+
+
+@partial(stored_jit, num_static=1)
+def _transition_moments(model: CompiledModel, x: Array, inputs: Any) -> tuple[Array, Array]:
+    mean, covariance = model.transition_moments(x, inputs)
+    return mean, covariance
 
 
 def _unlearnable(why: object) -> InputError:
