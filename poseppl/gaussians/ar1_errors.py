@@ -101,3 +101,10 @@ def times_pairs(matrices: Floats, pairs: Floats) -> Floats:
     found *= turned
     found += half * z
     return found[..., None].view(np.float64)
+
+
+def root_of_pairs(matrices: Floats) -> Floats:
+    """Symmetric square roots of positive semi-definite matrices (..., 2, 2)."""
+    det = np.sqrt(np.maximum(np.linalg.det(matrices), 0.0))[..., None, None]
+    size = np.trace(matrices, axis1=-2, axis2=-1)[..., None, None] + 2 * det
+    return np.asarray((matrices + det * np.eye(2)) / np.sqrt(np.where(size > 0, size, 1.0)))

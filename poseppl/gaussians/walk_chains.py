@@ -206,6 +206,81 @@ def _inverse(matrix: Floats) -> Floats:
     return inverse
 
 
+class ExpectedWalk(NamedTuple):
+    """A trajectory given its data.
+
+    Attributes:
+        means: (T, n).
+        squares: Expected squares of its innovations (T, n), less their offsets.
+    """
+
+    means: Floats
+    squares: Floats
+
+
+def expected_walk(chains: WalkChains, information: Iterable[Floats], vector: Floats) -> ExpectedWalk:
+    """Smooth a trajectory whose data have the log-likelihood vector_t x_t - x_t H_t x_t / 2 in each frame.
+
+    Args:
+        chains: F, of n coordinates.
+        information: H_t of the first m coordinates (m, m), frame by frame.
+        vector: (T, m).
+
+    Raises:
+        numpy.linalg.LinAlgError: The precision is not positive definite.
+    """
+    (count, size), width = chains.own.shape, chains.along.shape[1]
+    diagonal, between = chains.diagonal_blocks()
+    inverses, gains = np.empty((count, size, size)), np.empty((count, size, size))
+    right, i, j = chains.pulled(chains.offset[:, None])[:, 0], np.arange(size), np.arange(width)
+    right[:, : vector.shape[1]] += vector
+    for t, own in enumerate(information):
+        block = np.zeros((size, size))
+        block[: len(own), : len(own)] = own
+        block[i, i] += diagonal[t]
+        block[j, width + j] += between[t]
+        block[width + j, j] += between[t]
+        if t:
+            gains[t - 1] = chains.below(t, inverses[t - 1])
+            block -= chains.below(t, gains[t - 1].T)
+            right[t] -= right[t - 1] @ gains[t - 1]
+        inverses[t] = _inverse(block)
+    means, covariance, across = _smoothed_back(inverses, gains, right)
+    off = chains.innovations(means[:, None])[:, 0] - chains.offset
+    return ExpectedWalk(means, off**2 + _innovation_variances(chains, covariance, across))
+
+
+def _smoothed_back(inverses: Floats, gains: Floats, right: Floats) -> tuple[Floats, Floats, Floats]:
+    """Means (T, n), covariances (T, n, n), and those of a frame, in rows, with the next one; the last of these is not set."""
+    covariances, across = inverses, np.empty_like(gains)  # in the place of the inverses, which are read first
+    means = np.empty_like(right)
+    means[-1] = inverses[-1] @ right[-1]
+    for t in range(len(means) - 2, -1, -1):
+        gain = gains[t]
+        means[t] = inverses[t] @ right[t] - gain @ means[t + 1]
+        across[t] = -gain @ covariances[t + 1]
+        covariances[t] -= across[t] @ gain.T
+    return means, covariances, across
+
+
+def _innovation_variances(chains: WalkChains, covariance: Floats, across: Floats) -> Floats:
+    """Variances (T, n) of innovations, from covariances (T, n, n) of frames and those of each with the next one."""
+    walk, pace = chains._parts
+    own, before, along, along_before = chains.own, chains.before, chains.along, chains.along_before
+    variance, beside = np.einsum("tii->ti", covariance), np.einsum("tii->ti", covariance[:, walk, pace])
+    found: Floats = own**2 * variance
+    found[:, walk] += along**2 * variance[:, pace] + 2 * own[:, walk] * along * beside
+    if len(found) > 1:
+        last = across[:-1]
+        same = np.einsum("tii->ti", last)
+        found[1:] += before[1:] ** 2 * variance[:-1] - 2 * own[1:] * before[1:] * same
+        to_pace, from_pace = (np.einsum("tii->ti", part) for part in (last[:, walk, pace], last[:, pace, walk]))
+        found[1:, walk] += along_before[1:] ** 2 * variance[:-1, pace] + 2 * before[1:, walk] * along_before[1:] * beside[:-1]
+        found[1:, walk] -= 2 * own[1:, walk] * along_before[1:] * from_pace + 2 * before[1:, walk] * along[1:] * to_pace
+        found[1:, walk] -= 2 * along[1:] * along_before[1:] * same[:, pace]
+    return found
+
+
 def conjugate_gradients(
     multiply: Callable[[Floats], Floats], factor: WalkFactor, b: Floats, tolerance: float, most: int = 50
 ) -> tuple[Floats, int]:

@@ -13,10 +13,10 @@ P couples distant frames, so the system is solved by conjugate gradients. The pr
 part of e that looks like a step of what is seen is kept, a few coordinates more in each frame (:meth:`View.reduced`). If J, G
 and kept are the same in all frames, nothing else of e matters, and one iteration is exact; usually two or three are enough.
 
-The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws solve
-for data and prior perturbed by their own noise, which is exact for the Gaussian. Standard deviations are those of the reduced
-errors, without Monte Carlo error. The curvature is taken at errors as large as they are expected to be, and parameters that do
-not change keep their prior, as in :mod:`poseppl.smoothers.laplace`.
+The mode is sought with the data's weight growing from next to nothing, so that it does not depend on a bad start. Draws are of
+the Gaussian of reduced errors, and standard deviations are its own, without Monte Carlo error. The curvature is taken at
+errors as large as they are expected to be, and parameters that do not change keep their prior, as in
+:mod:`poseppl.smoothers.laplace`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.errors import PosepplError
-from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, times_pairs
+from poseppl.gaussians.ar1_errors import AR1Errors, ar1_errors, root_of_pairs, times_pairs
 from poseppl.gaussians.walk_chains import WalkChains, WalkFactor, ar1_chains, conjugate_gradients, walk_factor
 
 _WEIGHTS = (1e-3, 0.03, 0.2)
@@ -45,8 +45,8 @@ _NEAR = 1.0
 """With less, steps are by the curvature itself, not by that of a quadratic above the density."""
 _STALE = 9
 """Iterations from which on the preconditioner is made again; it costs as much as a dozen."""
-_STEP, _DRAW = 1e-2, 2e-2
-"""Residuals of the solutions for steps, which are corrected by later ones, and for draws."""
+_STEP, _RESPONSE = 3e-2, 5e-2
+"""Residuals of the solutions for steps, which are corrected by later ones, and for responses."""
 _SPREAD_DRAWS = 48
 """Draws that estimate how large errors are expected to be."""
 _ROOM = 2**27
@@ -69,6 +69,9 @@ class View(Protocol):
             weight: G (M, T, 2, 2).
             ratio: Standard deviation of the autocorrelated errors, in units of the data.
         """
+
+    def reduced_noise(self, weight: Floats, ratio: float, rng: np.random.Generator, count: int) -> Floats:
+        """Draws (T, N, n + m) with mean 0, whose covariance is that information of their frame."""
 
 
 class SeenWalk(NamedTuple):
@@ -266,7 +269,7 @@ def gaussian_around(
 
     model, factor = about(_expected(*about(None), rng))
     steps, done = np.empty((len(mode.x), num_draws, mode.x.shape[1]), np.float32), 0
-    for x, _ in _perturbed(model, factor, rng, num_draws):
+    for x in _drawn(model, factor, rng, num_draws):
         steps[:, done : done + x.shape[1]] = x
         done += x.shape[1]
     _centre(steps)
@@ -306,23 +309,28 @@ def _whitened(draws: Floats) -> Floats:
 def _expected(model: _Curvature, factor: WalkFactor, rng: np.random.Generator) -> Floats:
     """Covariances (M, T, 2, 2) of the sum of the location and the autocorrelated errors."""
     found, count = np.zeros_like(model.errors.weight), 0
-    for x, e in _perturbed(model, factor, rng, _SPREAD_DRAWS):
-        off = model.view.seen(x) + model.errors.ratio * e
+    for x in _drawn(model, factor, rng, _SPREAD_DRAWS):
+        off = model.view.seen(x) + model.errors.ratio * _errors_beside(model, rng, x)
         found += np.einsum("nmti,nmtj->mtij", off, off)
         count += len(off)
     return found / count
 
 
-def _perturbed(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, count: int) -> Iterator[tuple[Floats, Floats]]:
-    """Draws of x (T, N, n) and e (N, M, T, 2), by parts: the modes of data and prior with noise of their own."""
-    errors, (num_frames, size) = model.errors, model.chains.own.shape
-    root = _square_root(errors.weight)
+def _drawn(model: _Curvature, factor: WalkFactor, rng: np.random.Generator, count: int) -> Iterator[Floats]:
+    """Draws of x (T, N, n), by parts, with the precision of the factor: the modes of data and prior with noise of their own."""
     for part in _parts(count, model):
-        shape = (part.stop - part.start, *errors.weight.shape[:-1])
-        noise = times_pairs(root, rng.standard_normal(shape))
-        of_x = model.chains.pulled(rng.standard_normal((num_frames, shape[0], size))) + model.view.pulled(noise)
-        of_e = errors.pulled(rng.standard_normal(shape)) + errors.ratio * noise
-        yield model.solve(factor, of_x, of_e, _DRAW)[:2]
+        right = model.view.reduced_noise(model.errors.weight, model.errors.ratio, rng, part.stop - part.start)
+        noise: Floats = rng.standard_normal(right.shape, np.float32)  # type: ignore[assignment]
+        right += factor.chains.pulled(noise)
+        yield factor.solve(right)[..., : model.chains.own.shape[1]]
+
+
+def _errors_beside(model: _Curvature, rng: np.random.Generator, x: Floats) -> Floats:
+    """Draws of e (N, M, T, 2), given those of x (T, N, n)."""
+    errors, shape = model.errors, (x.shape[1], *model.errors.weight.shape[:-1])
+    noise = times_pairs(root_of_pairs(errors.weight), rng.standard_normal(shape))
+    right = errors.pulled(rng.standard_normal(shape)) + errors.ratio * noise
+    return errors.solve(right - errors.ratio * errors.weigh(model.view.seen(x)))
 
 
 def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) -> NDArray[np.float32]:
@@ -331,7 +339,7 @@ def _responses(model: _Curvature, factor: WalkFactor, unchanging: Unchanging) ->
     found = np.empty((num_frames, len(unchanging.root), size), np.float32)
     for part in _parts(len(unchanging.root), model):
         right = model.view.pulled(model.errors.precision(unchanging.seen(part)))
-        found[:, part] = conjugate_gradients(model.multiply, factor, right, _DRAW)[0]
+        found[:, part] = conjugate_gradients(model.multiply, factor, right, _RESPONSE)[0]
     return found
 
 
@@ -340,10 +348,3 @@ def _parts(count: int, model: _Curvature) -> Iterator[slice]:
     numbers = 8 * model.chains.own.size + 6 * model.errors.weight.size
     most = max(2, min(count, _ROOM // (8 * numbers)))
     return (slice(first, min(first + most, count)) for first in range(0, count, most))
-
-
-def _square_root(matrices: Floats) -> Floats:
-    """Symmetric square roots of positive semi-definite matrices (..., 2, 2)."""
-    det = np.sqrt(np.maximum(np.linalg.det(matrices), 0.0))[..., None, None]
-    size = np.trace(matrices, axis1=-2, axis2=-1)[..., None, None] + 2 * det
-    return np.asarray((matrices + det * np.eye(2)) / np.sqrt(np.where(size > 0, size, 1.0)))

@@ -29,6 +29,12 @@ class Dense(NamedTuple):
     def reduced(self, weight: Floats, ratio: float) -> tuple[int, Iterator[Floats]]:
         return 2 * M, (joint_rows(self, t).T @ spread_out(weight, t) @ joint_rows(self, t) for t in range(T))
 
+    def reduced_noise(self, weight: Floats, ratio: float, rng: np.random.Generator, count: int) -> Floats:
+        values, vectors = np.linalg.eigh(np.stack([spread_out(weight, t) for t in range(T)]))
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        noise = roots @ rng.standard_normal((T, 2 * M, count))
+        return np.stack([(joint_rows(self, t).T @ noise[t]).T for t in range(T)])
+
 
 def joint_rows(view: Dense, frame: int) -> Floats:
     """Derivatives of a frame's data (2 M) by its states and errors."""

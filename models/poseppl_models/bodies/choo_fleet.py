@@ -222,5 +222,6 @@ def unit_vector(vector: np.ndarray) -> np.ndarray:
 
 
 def median_of(values: np.ndarray) -> float:
-    """The median of the values that are known."""
-    return float(np.nanmedian(values))
+    """The median of the values that are known; NaN of none."""
+    known = np.sort(values[~np.isnan(values)])
+    return float((known[(known.size - 1) // 2] + known[known.size // 2]) / 2) if known.size else float("nan")

@@ -45,7 +45,7 @@ CONFIDENCE = 3.0
 """l_0, the logit of a confidence of 0.95."""
 CAMERA_SCALE = 0.3
 """Prior standard deviation of ``camera``; ours."""
-_DRIFT = 0.005
+DRIFT = 0.005
 """Step of what is constant in a second, in its own standard deviations: 0.04 of one in a minute."""
 _SHORT = 0.02
 """Times in units of tau below which the variance of a place is a series: there the closed form cancels."""
@@ -127,7 +127,7 @@ def points_in_cameras(num_points: int, num_cameras: int, links: tuple[tuple[int,
             numpyro.sample("length", dist.Normal(inputs.length, inputs.length_scale))
 
     def transition(params: Any, state: Mapping[str, Any], inputs: PointInputs) -> None:
-        drift = _DRIFT * jnp.sqrt(inputs.elapsed)
+        drift = DRIFT * jnp.sqrt(inputs.elapsed)
         mean, lower = motion_transition(inputs.elapsed, jnp.exp(params["log_speed_lasts"]))
         lower = jnp.exp(params["log_speed"])[:, None, None, None] * lower
         numpyro.sample("motion", dist.MultivariateNormal(state["motion"] @ mean.T, scale_tril=lower))

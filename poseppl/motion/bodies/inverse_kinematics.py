@@ -19,19 +19,15 @@ is sought from rest as well as from the frame before.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy
-from jax import Array
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.compilation import double_precision
-from poseppl.motion.geometry import KinematicTree, marker_positions
-from poseppl.stored_programs import stored_jit
+from poseppl.motion.geometry import KinematicTree
+from poseppl.motion.geometry.recorded_frames import MarkerKinematics
 
 ANGLE_PULL = 5.0
 """Weight (mm a radian) that holds angles to the frame before."""
@@ -75,10 +71,10 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
     seen = np.isfinite(target).all(-1).sum(-1)
     if not seen.any():
         raise ValueError("no frame has a marker")
-    with double_precision():
-        solve = _solver(tree)
-        first = int(np.argmax(seen == seen.max()))
-        states = np.empty((len(target), tree.dimension))
+    solve = _solver(tree)
+    first = int(np.argmax(seen == seen.max()))
+    states = np.empty((len(target), tree.dimension))
+    with threadpool_limits(limits=1, user_api="blas"):  # threads of small matrices wait for each other, and spin
         states[first] = _first_state(tree, solve, target[first], rest)
         for frames, step in ((range(first + 1, len(target)), 1), (range(first - 1, -1, -1), -1)):
             for frame in frames:
@@ -87,41 +83,28 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
                 if _leaps(target[frame], target[frame - step]):
                     cut = _after_leap(tree, solve, target[frame], states[frame], rest)
                     states[frame] = _nearest_twin(tree, cut, previous)
-        positions = np.asarray(_places(_double(tree), states))
-    return states, np.linalg.norm(positions - target, axis=-1)
+    return states, np.linalg.norm(MarkerKinematics.of(tree).places(states) - target, axis=-1)
 
 
-@partial(stored_jit, lightly=False)
-def _places(tree: KinematicTree, states: Array) -> Array:
-    return jax.vmap(lambda state: marker_positions(tree, state))(states)
-
-
-def _offsets(x: Array, tree: KinematicTree, target: Array, seen: Array, anchor: Array, pull: Array) -> Array:
-    return jnp.concatenate([(seen * (marker_positions(tree, x) - target)).ravel(), pull * (x - anchor)])
-
-
-_residuals, _jacobian = (stored_jit(each, lightly=False) for each in (_offsets, jax.jacrev(_offsets)))
 Solver = Callable[[Floats, Floats, Floats, Floats], tuple[Floats, float]]
 
 
 def _solver(tree: KinematicTree) -> Solver:
     """The least-squares problem of one frame: (target, guess, anchor, pull) to (state, cost)."""
-    double = _double(tree)
+    kinematics, scale = MarkerKinematics.of(tree), _scale(tree)
 
     def solve(target: Floats, guess: Floats, anchor: Floats, pull: Floats) -> tuple[Floats, float]:
-        seen = np.isfinite(target).all(-1, keepdims=True)
-        arguments = (double, np.where(seen, target, 0.0), seen.astype(float), anchor, pull)
+        seen = np.isfinite(target).all(-1)
+        own, places = kinematics.of_markers(np.flatnonzero(seen)), target[seen]
+
+        def offsets(x: Floats) -> Floats:
+            return np.concatenate([(own.places(x[None])[0] - places).ravel(), pull * (x - anchor)])
+
+        def slopes(x: Floats) -> Floats:
+            return np.concatenate([own.places_and_moves(x[None])[1].reshape(-1, x.size), np.diag(pull)])
+
         found = scipy.optimize.least_squares(
-            lambda x, *args: np.asarray(_residuals(x, *args)),
-            guess,
-            jac=lambda x, *args: np.asarray(_jacobian(x, *args)),
-            method="lm",
-            x_scale=_scale(tree),
-            ftol=1e-8,
-            xtol=1e-8,
-            gtol=1e-10,
-            max_nfev=200,
-            args=arguments,
+            offsets, guess, jac=slopes, method="lm", x_scale=scale, ftol=1e-8, xtol=1e-8, gtol=1e-10, max_nfev=200
         )
         return found.x, float(found.cost)
 
@@ -134,11 +117,11 @@ def _first_state(tree: KinematicTree, solve: Solver, target: Floats, rest: Float
     turns = 2 * np.pi * np.arange(NUM_HEADINGS) / NUM_HEADINGS if heading else [0.0]
     pull = np.where(_of_root(tree), 1e-6, REST_PULL)
     seen = np.isfinite(target).all(-1)
-    candidates = []
+    kinematics, candidates = MarkerKinematics.of(tree), []
     for turn in turns:
         guess = rest.copy()
         guess[heading] += turn
-        guess[:3] += (target[seen] - np.asarray(marker_positions(_double(tree), jnp.asarray(guess)))[seen]).mean(0)
+        guess[:3] += (target[seen] - kinematics.places(guess[None])[0, seen]).mean(0)
         candidates.append(solve(target, guess, guess, pull))
     best = min(candidates, key=lambda candidate: candidate[1])[0]
     return _near(best, np.where(_of_root(tree), 0.0, rest))
@@ -196,7 +179,3 @@ def _of_root(tree: KinematicTree) -> Booleans:
 def _scale(tree: KinematicTree) -> Floats:
     """Typical changes: 100 mm, 0.3 rad."""
     return np.where(np.arange(tree.dimension) < 3, 100.0, 0.3)
-
-
-def _double(tree: KinematicTree) -> KinematicTree:
-    return tree.with_offsets(*(jnp.asarray(np.asarray(leaf), np.float64) for leaf in (tree.offsets, tree.marker_offsets)))

@@ -156,20 +156,21 @@ _ROUNDS = 30
 _CLOSE = 1e-10
 
 
-def distort(coefficients: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    """Distort points of the plane at depth 1 as a lens does; arrays of JAX.
+def distort(coefficients: Any, u: Any, v: Any, xp: Any = jnp) -> tuple[Any, Any]:
+    """Distort points of the plane at depth 1 as a lens does.
 
     Args:
         coefficients: (5, ...), (8, ...) or (9, ...), see above.
         u: First coordinate, of any shape that broadcasts with the coefficients'.
         v: Second coordinate.
+        xp: Whose arrays these are: ``jax.numpy`` or ``numpy``.
     """
     if len(coefficients) < 9:
         return _brown(coefficients, u, v)
     is_fisheye = coefficients[8] > 0.5
-    bent = _brown(jnp.where(is_fisheye, 0.0, jnp.asarray(coefficients[:8])), u, v)
-    ratio = _fisheye_ratio(coefficients[:4], u * u + v * v)
-    return jnp.where(is_fisheye, ratio * u, bent[0]), jnp.where(is_fisheye, ratio * v, bent[1])
+    bent = _brown(xp.where(is_fisheye, 0.0, xp.asarray(coefficients[:8])), u, v)
+    ratio = _fisheye_ratio(coefficients[:4], u * u + v * v, xp)
+    return xp.where(is_fisheye, ratio * u, bent[0]), xp.where(is_fisheye, ratio * v, bent[1])
 
 
 def _brown(coefficients: Any, u: Any, v: Any) -> tuple[Any, Any]:
@@ -186,15 +187,15 @@ def _brown(coefficients: Any, u: Any, v: Any) -> tuple[Any, Any]:
     )
 
 
-def _fisheye_ratio(coefficients: Any, squared: Any) -> Any:
+def _fisheye_ratio(coefficients: Any, squared: Any, xp: Any) -> Any:
     """How far out a fisheye puts a point, as a share of its distance from the axis."""
     k1, k2, k3, k4 = coefficients
     away = squared > _SMALL
-    radius = jnp.sqrt(jnp.where(away, squared, 1.0))
-    angle = jnp.where(away, jnp.arctan(radius), 0.0)
+    radius = xp.sqrt(xp.where(away, squared, 1.0))
+    angle = xp.where(away, xp.arctan(radius), 0.0)
     square = angle * angle
     bent = angle * (1.0 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
-    return jnp.where(away, bent / radius, 1.0)
+    return xp.where(away, bent / radius, 1.0)
 
 
 def undistort(coefficients: Floats, plane: Floats) -> Floats:

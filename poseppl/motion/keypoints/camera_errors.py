@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.special import chdtri
 
 from poseppl.arrays import Floats
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.recorded_frames import image_points
 
 MIN_RESIDUALS = 30
 """Minimum number of a camera's points to estimate its errors."""
@@ -35,7 +35,7 @@ def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErr
     but one direction. So the squared length of a residual is (v + h) s^2 times a chi-squared variable over its k degrees of
     freedom, with k = (v + h)^2 / (v^2 + h^2) (Welch and Satterthwaite). Its median estimates s.
     """
-    projected = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
+    projected = np.moveaxis(image_points(cameras, np.nan_to_num(places)), 0, 1)
     count = np.maximum(np.isfinite(points).all(-1).sum(1), 2)
     share, freedom = 2 - 3 / count, (2 - 3 / count) ** 2 / ((1 - 1 / count) ** 2 + (1 - 2 / count) ** 2)
     unit = share * chdtri(freedom, 0.5) / freedom

@@ -11,17 +11,18 @@ doi:10.1162/neco.1992.4.3.415): errors that all cameras share, which no data sho
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.cameras import nearest_points, viewing_rays
-from poseppl.stored_programs import stored_jit
+from poseppl.motion.geometry.recorded_frames import image_points, image_slopes, image_slopes_by_pose
 
 PRIOR_ANGLE, PRIOR_POSITION = np.deg2rad(1.0), 30.0
 """Standard deviations of a camera's turn about each axis (radians) and of its centre along each (mm)."""
@@ -32,8 +33,6 @@ MAX_FRAMES = 50
 ERRORS_LAST = 1.0
 """Seconds after which the errors of a point are others."""
 _FREEDOM = 4.0
-_STEP = 0.03
-"""Step of the difference quotients, in standard deviations of the prior; projections have seven digits."""
 
 
 class RefinedCameras(NamedTuple):
@@ -73,22 +72,21 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
     count = cameras.centre.shape[0]
     scale = np.repeat([PRIOR_ANGLE, PRIOR_POSITION], 3)
     rays = np.stack([viewing_rays(cameras, c, points[:, c]) for c in range(count)], 1)
-    seen = np.asarray(np.where(np.isfinite(points), points, 0.0))
+    points, counts = np.asarray(np.where(np.isfinite(points), points, 0.0)), weights > 0
+    share = np.sqrt(independent)
+
+    def seen_about(flat: Floats) -> tuple[Floats, _Met]:
+        met = _met(cameras, flat.reshape(count, 6) * scale, rays, weights)
+        return (np.swapaxes(image_points(met.cameras, met.places), 0, 1) - points) * np.sqrt(weights)[..., None] / noise, met
 
     def residuals(flat: Floats) -> Floats:
-        errors = flat.reshape(count, 6) * scale
-        moved = _moved(cameras, errors)
-        turned = np.einsum("cij,tckj->tcki", _world_turns(cameras, moved), rays)
-        places = nearest_points(np.asarray(moved.centre, np.float64), turned, weights)
-        projected = np.moveaxis(np.asarray(_project(moved, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
-        off = (projected - seen) * np.sqrt(weights)[..., None] / noise
-        # the root of a t density's -2 log is the residual of a sum of squares
-        robust = np.sign(off) * np.sqrt((_FREEDOM + 1) * np.log1p(off**2 / _FREEDOM))
-        return np.concatenate([np.sqrt(independent) * robust[weights > 0].ravel(), flat])
+        return np.concatenate([share * _robust(seen_about(flat)[0])[0][counts].ravel(), flat])
 
     def derivative(flat: Floats) -> Floats:
-        steps = _STEP * np.eye(flat.size)
-        return np.stack([(residuals(flat + step) - residuals(flat - step)) / (2 * _STEP) for step in steps], -1)
+        off, met = seen_about(flat)
+        unit = np.tile(scale, count) * np.sqrt(weights)[..., None, None] / noise
+        slopes = share * _robust(off)[1][..., None] * unit * _slopes(met, weights)
+        return np.concatenate([slopes[counts].reshape(-1, flat.size), np.eye(flat.size)])
 
     found = scipy.optimize.least_squares(
         residuals, np.zeros(6 * count), jac=derivative, method="trf", xtol=1e-4, ftol=1e-5, max_nfev=20
@@ -99,17 +97,58 @@ def bundle_adjust(cameras: Cameras, points: Floats, confidence: Floats, noise: f
     covariance = np.linalg.inv(information + eye / squared) * np.outer(unit, unit)
     deviation = np.sqrt(np.diag(covariance)).reshape(count, 6)
     errors = found.x.reshape(count, 6) * scale
-    return RefinedCameras(_moved(cameras, errors), errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:], covariance)
+    refined = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), _moved(cameras, errors))
+    return RefinedCameras(refined, errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:], covariance)
 
 
-_project = stored_jit(project)
+class _Met(NamedTuple):
+    """Cameras with errors, the rays (T, C, K, 3) of their points in the world, and the places (T, K, 3) that these pass by."""
+
+    cameras: Cameras
+    rays: Floats
+    places: Floats
+
+
+def _met(cameras: Cameras, errors: Floats, rays: Floats, weights: Floats) -> _Met:
+    """The same with errors (C, 6); weights are (T, C, K)."""
+    moved = _moved(cameras, errors)
+    turned = np.einsum("cij,tckj->tcki", _world_turns(cameras, moved), rays)
+    return _Met(moved, turned, np.nan_to_num(nearest_points(np.asarray(moved.centre), turned, weights)))
+
+
+def _robust(off: Floats) -> tuple[Floats, Floats]:
+    """The root of a t density's -2 log, which is the residual of a sum of squares, and its derivative."""
+    size = np.sqrt((_FREEDOM + 1) * np.log1p(off**2 / _FREEDOM))
+    slope = (_FREEDOM + 1) * np.abs(off) / (_FREEDOM + off**2) / np.maximum(size, 1e-9)
+    return np.sign(off) * size, np.where(size > 1e-9, slope, np.sqrt((_FREEDOM + 1) / _FREEDOM))
+
+
+def _slopes(met: _Met, weights: Floats) -> Floats:
+    """Derivatives (T, C, K, 2, 6 C) of projections of places that follow the cameras, by the errors of all cameras."""
+    cameras, rays, places = met
+    count, by_place = rays.shape[1], np.swapaxes(image_slopes(cameras, places)[1], 0, 1)
+    by_error = np.swapaxes(image_slopes_by_pose(cameras, places), 0, 1)
+    across = weights[..., None, None] * (np.eye(3) - rays[..., :, None] * rays[..., None, :])
+    across = np.where((weights > 0)[..., None, None], across, 0.0)
+    inverse = np.linalg.inv(across.sum(1) + 1e-12 * np.eye(3) + (weights.sum(1) <= 0)[..., None, None] * np.eye(3))
+    found = []
+    for c in range(count):
+        ray, lever = np.nan_to_num(rays[:, c]), np.asarray(cameras.centre)[c] - places
+        turned = np.stack([-np.cross(axis, ray) for axis in np.asarray(cameras.rotation)[c]], -1)
+        along = np.sum(ray * lever, -1)[..., None, None]
+        bent = turned * along + ray[..., None] * (lever[..., None, :] @ turned)
+        pulls = np.concatenate([-weights[:, c, :, None, None] * bent, across[:, c]], -1)
+        found.append(by_place @ (inverse @ pulls)[:, None])
+        found[-1][:, c] += by_error[:, c]
+    return np.concatenate(found, -1)
 
 
 def _moved(cameras: Cameras, errors: Floats) -> Cameras:
     turns = Rotation.from_rotvec(errors[:, :3]).as_matrix()
     rotation = np.einsum("cij,cjk->cik", turns, np.asarray(cameras.rotation, np.float64))
     centre = np.asarray(cameras.centre, np.float64) + errors[:, 3:]
-    return cameras._replace(rotation=jnp.asarray(rotation, float), centre=jnp.asarray(centre, float))
+    moved: Any = {"rotation": rotation, "centre": centre}
+    return cameras._replace(**moved)
 
 
 def _world_turns(cameras: Cameras, moved: Cameras) -> Floats:

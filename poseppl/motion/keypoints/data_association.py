@@ -19,12 +19,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.special import softmax
+from threadpoolctl import threadpool_limits
 
 from poseppl.arrays import Floats, Integers
-from poseppl.compilation import double_precision
 from poseppl.errors import Argument, InputError, Phrase
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.cameras import triangulate
@@ -32,9 +31,8 @@ from poseppl.motion.io import DetectedPeople
 from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.keypoints.limb_continuity import limb_pairs, proposed_swaps
 from poseppl.motion.keypoints.sources import points_of
-from poseppl.motion.points.fit import points_mode
-from poseppl.motion.points.named_points import PointProblem, PointRecording, make_point_problem
-from poseppl.motion.points.smoothing import seen_points
+from poseppl.motion.points.named_points import PointRecording, local_frame
+from poseppl.motion.points.recorded_points import KnownErrors, recorded_points
 from poseppl.motion.points.swaps import SHARE, Pair, SeenPoints, exchanged, swap_probabilities
 
 NOBODY = 0.05
@@ -51,8 +49,6 @@ _CLUTTER, _CLUTTER_SLOPE, _SLOPE = -5.0, -0.7, -0.15
 """The prior means of the programs."""
 _MIN_SPEED, _SPEED_OVER = 20.0, 0.1
 """Pixels a second, and seconds that a speed is measured over."""
-_FRAMES_TOGETHER = 100
-"""Frames are filled up to a multiple of so many, so that recordings of about one length share a compiled program."""
 
 
 class Association(NamedTuple):
@@ -196,41 +192,25 @@ def _seen(recording: PointRecording, noise: Floats, rate: float) -> SeenPoints:
     Raises:
         InputError: No marker is seen by two cameras at a time, or they are behind one.
     """
-    num_frames = len(recording.points)
-    more = -num_frames % _FRAMES_TOGETHER
-    later = [(0, more)]
-    padded = recording._replace(
-        points=np.pad(recording.points, [*later, (0, 0), (0, 0), (0, 0)], constant_values=np.nan),
-        confidence=np.pad(recording.confidence, [*later, (0, 0), (0, 0)]),
-        frames=np.arange(num_frames + more),
-        times=np.arange(num_frames + more) / rate,
-    )
-    with double_precision():
-        problem = make_point_problem(padded)
-        params = _params(problem, recording, noise, rate)
-        seen = seen_points(problem, params, points_mode(problem, params))
-    return SeenPoints(seen.images[:num_frames], seen.scales[:num_frames], seen.clutter[:num_frames], seen.sizes)
+    with threadpool_limits(limits=1, user_api="blas"):  # threads of small matrices wait for each other, and spin
+        return recorded_points(recording, _errors(recording, noise, rate))
 
 
-def _params(problem: PointProblem, recording: PointRecording, noise: Floats, rate: float) -> dict[str, jnp.ndarray]:
-    """The programs' params: errors of which half of the variance lasts, motion about as fast as the places are."""
-    places = triangulate(recording.cameras, recording.points, recording.confidence) * problem.frame.unit
+def _errors(recording: PointRecording, noise: Floats, rate: float) -> KnownErrors:
+    """Errors of which half of the variance lasts, and motion about as fast as the places are."""
+    places = triangulate(recording.cameras, recording.points, recording.confidence)
     over = min(max(round(_SPEED_OVER * rate), 1), len(places) - 1)
     steps: Floats = np.abs(places[over:] - places[:-over]) * rate / over
     known = np.asarray(np.isfinite(steps).all(-1))
     speed = [1.4826 * float(np.median(steps[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(steps.shape[1])]
-    log_size = np.log(noise / np.sqrt(2) / np.asarray(problem.inputs.magnification[0]))
-    values = {
-        "log_size": log_size.mean(),
-        "log_scale": np.zeros(len(speed)),
-        "log_speed": np.log(np.maximum(speed, _MIN_SPEED)),
-        "log_speed_lasts": np.log(SPEED_LASTS),
-        "camera": log_size - log_size.mean(),
-        "slope": _SLOPE,
-        "clutter": _CLUTTER,
-        "clutter_slope": _CLUTTER_SLOPE,
-        "log_lasting": 0.0,
-        "log_bias": np.log(BIAS_SHARE),
-        "log_lasts": np.log(ERRORS_LAST),
-    }
-    return {name: jnp.asarray(value, float) for name, value in values.items()}
+    slowest = _MIN_SPEED / local_frame(recording, places)[0].unit
+    return KnownErrors(
+        size=noise / np.sqrt(2),
+        speed=np.maximum(speed, slowest),
+        speed_lasts=SPEED_LASTS,
+        slope=_SLOPE,
+        clutter=_CLUTTER,
+        clutter_slope=_CLUTTER_SLOPE,
+        bias=BIAS_SHARE,
+        lasts=ERRORS_LAST,
+    )

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.special import expit, logit, ndtri, stdtrit
 
 from poseppl.arrays import Floats
 from poseppl.errors import Argument, InputError
-from poseppl.motion.geometry import Cameras, depth
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.recorded_frames import depths
 from poseppl.motion.points.named_points import MAX_SURE, MIN_SURE
 
 FREEDOM = 4.0
@@ -93,7 +93,7 @@ def logits(confidence: Floats) -> Floats:
 def magnifications(cameras: Cameras, places: Floats) -> Floats:
     """Pixels (T, C, K) that a mm at places (T, K, 3) has in each camera; where a place is unknown, their median; or NaN."""
     focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)[:, None, None]
-    far = np.asarray(depth(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64)
+    far = depths(cameras, np.nan_to_num(places))
     size = np.where(np.isfinite(places).all(-1) & (far > 0), focal / np.maximum(far, 1.0), np.nan)
     middle = [np.median(known) if (known := each[np.isfinite(each)]).size else np.nan for each in size]
     return np.asarray(np.moveaxis(np.where(np.isfinite(size), size, np.reshape(middle, (-1, 1, 1))), 0, 1))

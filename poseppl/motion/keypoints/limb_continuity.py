@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.cameras import triangulate
+from poseppl.motion.geometry.recorded_frames import image_points
 from poseppl.motion.keypoints.camera_errors import camera_errors
 from poseppl.motion.points.swaps import LASTS, SHARE, Pair, exchanged
 
@@ -94,7 +94,7 @@ def _fit(cameras: Cameras, points: Floats, confidence: Floats, noise: Floats, pa
     of = [*pair[0], *pair[1]]
     own = points[:, :, of]
     places = triangulate(cameras, own, confidence[:, :, of])
-    seen = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
+    seen = np.moveaxis(image_points(cameras, np.nan_to_num(places)), 0, 1)
     missed = np.linalg.norm(own - seen, axis=-1) / noise[:, None]
     step = np.linalg.norm(np.diff(places, axis=0), axis=-1)
     step /= max(_SMALLEST, float(np.nanmedian(step)) if np.isfinite(step).any() else _SMALLEST)

@@ -17,14 +17,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy
 from scipy.special import expit
 
 from poseppl.arrays import Booleans, Floats, Integers
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.cameras import triangulate
+from poseppl.motion.geometry.recorded_frames import image_slopes
 from poseppl.motion.keypoints.detector_errors import FREEDOM, logits, magnifications
 
 SIZE, SIZE_SPREAD = 15.0, 0.5
@@ -42,8 +42,6 @@ whose variances add."""
 MAX_FRAMES, NUM_RUNS = 2000, 5
 """Frames that are used at most, in so many runs."""
 _ROUNDS = 8
-_STEP = 10.0
-"""mm, of the projections' difference quotients."""
 _LAGS, _LONGEST, _LARGEST, _MOST_ALIKE = 8, 2.0, 3.0, 0.95
 """Lags at which errors are compared with themselves, and the longest, s; larger errors, in scales, count as so large; and the
 correlation that is the surest."""
@@ -172,11 +170,10 @@ def _contrasts(cameras: Cameras, points: Floats, known: Booleans, scale: Floats)
     """The contrasts of known points about the places that they tell."""
     weight = np.where(known, 1 / scale, 0.0)
     places = np.nan_to_num(triangulate(cameras, points, np.square(weight * scale.min())))
-    around = np.concatenate([places[None], *(places + sign * _STEP * np.eye(3)[:, None, None] for sign in (1, -1))])
-    seen = np.moveaxis(np.asarray(project(cameras, jnp.asarray(around, float)), np.float64), 0, 2)  # (7, T, C, K, 2)
+    seen, by_place = (np.swapaxes(each, 0, 1) for each in image_slopes(cameras, places))  # (T, C, K, 2, ...)
     weight = np.moveaxis(weight, 1, 2)[..., None]
-    values = weight * np.moveaxis(np.where(known[..., None], points - seen[0], 0.0), 1, 2)
-    slopes = weight[..., None] * ((seen[1:4] - seen[4:]) / (2 * _STEP)).transpose(1, 3, 2, 4, 0)
+    values = weight * np.moveaxis(np.where(known[..., None], points - seen, 0.0), 1, 2)
+    slopes = weight[..., None] * np.swapaxes(by_place, 1, 2)
     shape = (*values.shape[:2], -1)
     values, slopes = values.reshape(shape), slopes.reshape(*shape, 3)
     information = np.swapaxes(slopes, -1, -2) @ slopes

@@ -48,7 +48,7 @@ _ANYWHERE = 100.0
 _FARTHEST, _REACH = 5.0, 1.5
 """Standard deviations of the prior within which params are sought, and that they go in a round."""
 _WORST = 1e12
-_NO_CLUTTER, _GAUSSIAN = -50.0, 1000.0
+NO_CLUTTER, GAUSSIAN = -50.0, 1000.0
 """Log-odds of clutter, and degrees of freedom, on the way to a mode."""
 
 
@@ -170,8 +170,8 @@ def points_mode(
     if states is not None:
         mode: Array = _modes(model, num_steps, dict(params), states, observations, inputs)
         return mode
-    tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], _NO_CLUTTER)}
-    nearly = inputs._replace(freedom=_GAUSSIAN * jnp.ones_like(inputs.freedom))
+    tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], NO_CLUTTER)}
+    nearly = inputs._replace(freedom=GAUSSIAN * jnp.ones_like(inputs.freedom))
     states = problem.start
     for start, each in ((tame, nearly), (tame, inputs), (dict(params), inputs)):
         states = _modes(model, num_steps, start, states, observations, each)

@@ -18,15 +18,16 @@ from poseppl_models.bodies.named_points import points_in_cameras
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import Argument, InputError
 from poseppl.motion.bodies.body import PointInputs, compile_once
-from poseppl.motion.geometry import Cameras, depth
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.cameras import triangulate
+from poseppl.motion.geometry.recorded_frames import depths
 from poseppl.program import CompiledModel, Observation
 
 FREEDOM = 5.0
 """Degrees of freedom of a detector's errors that do not last; ours."""
 MIN_SURE, MAX_SURE = 0.001, 0.999
 """Confidences outside are taken for these: detectors say 0 and 1, and mean neither."""
-_START_SCALE = 3.0
+START_SCALE = 3.0
 """Standard deviation of the first positions, in the extent of all."""
 
 
@@ -133,8 +134,8 @@ def make_point_problem(recording: PointRecording) -> PointProblem:
         InputError: No point is seen by two cameras at a time.
     """
     places = triangulate(recording.cameras, recording.points, recording.confidence)
-    frame, magnification = _local_frame(recording, places)
-    local = frame.to_local(_filled(places, frame.origin))
+    frame, magnification = local_frame(recording, places)
+    local = frame.to_local(filled(places, frame.origin))
     num_frames, num_points = local.shape[:2]
     num_cameras = len(recording.camera_names)
 
@@ -150,7 +151,7 @@ def make_point_problem(recording: PointRecording) -> PointProblem:
         elapsed=jnp.asarray(np.diff(recording.times, prepend=recording.times[:1] - 1.0), float),
         freedom=always(FREEDOM),
         start=jnp.broadcast_to(jnp.asarray(local[0])[:, None, None], (num_points, num_frames, 1, 3)),
-        start_scale=always(_START_SCALE * max(float(np.ptp(local, axis=(0, 1)).max()), 10.0)),
+        start_scale=always(START_SCALE * max(float(np.ptp(local, axis=(0, 1)).max()), 10.0)),
         **dict.fromkeys(("length", "length_scale", "tolerance"), jnp.zeros((num_frames, 0))),
     )
     first = jax.tree.map(lambda leaf: leaf[0], inputs)
@@ -175,13 +176,13 @@ def places_of(model: CompiledModel, states: Array) -> Array:
     return places
 
 
-def _local_frame(recording: PointRecording, places: Floats) -> tuple[LocalFrame, Floats]:
+def local_frame(recording: PointRecording, places: Floats) -> tuple[LocalFrame, Floats]:
     """Coordinates around the middle of the places, and pixels a mm (C,) of each camera there."""
     known = places[np.isfinite(places).all(-1)]
     if not len(known):
         raise InputError("no point is seen by two cameras at a time", field=Argument("files"), expected="two cameras' points")
     origin = np.median(known, 0)
-    deep = np.asarray(depth(recording.cameras, jnp.asarray(origin, float)), np.float64)
+    deep = depths(recording.cameras, origin)
     if np.any(deep <= 0):
         name = recording.camera_names[int(np.argmin(deep))]
         raise InputError(f"the points are behind {name}", field=Argument("calibration"), expected="cameras that face them")
@@ -189,7 +190,7 @@ def _local_frame(recording: PointRecording, places: Floats) -> tuple[LocalFrame,
     return LocalFrame(origin, float(np.exp(np.log(magnification).mean()))), magnification
 
 
-def _filled(places: Floats, origin: Floats) -> Floats:
+def filled(places: Floats, origin: Floats) -> Floats:
     """Places (T, K, 3), interpolated where they are unknown; a point that is never known is in the middle."""
     filled = np.empty_like(places)
     when = np.arange(len(places))

@@ -12,22 +12,19 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 from poseppl_models.bodies.random_walk import joint_sites
 from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from poseppl.arrays import Floats
-from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
-from poseppl.motion.likelihoods.detected_points import erring, resized
-from poseppl.motion.tracking.seen_body import FRAMES, SeenBody, seen_body
+from poseppl.motion.geometry.recorded_frames import MarkerKinematics, points_of_erring_cameras
+from poseppl.motion.tracking.seen_body import SeenBody, seen_body
 from poseppl.runs.collectors import Draws
 from poseppl.runs.labels import QUANTILES
 from poseppl.runs.smoothing import SmoothingError, SmoothingRun
 from poseppl.smoothers.base import smoothing_info
 from poseppl.smoothers.marginal_errors import Around, Mode, find_mode, gaussian_around
-from poseppl.stored_programs import stored_jit
 
 NUM_DRAWS = 200
 """Trajectories that are drawn by default: moments of the state need none."""
@@ -37,6 +34,8 @@ _ROOM = 2**28
 """Bytes of the draws that are stored by default."""
 _LEAST = 20
 """Draws at least."""
+_FRAMES = 16
+"""Whose draws are evaluated together, so that they stay in the cache."""
 
 
 class _Drawn(NamedTuple):
@@ -112,10 +111,10 @@ def _outputs(body: SeenBody, mode: Mode, around: Around, rng: np.random.Generato
 def _kept_of_block(body: SeenBody, drawn: _Drawn, velocities: Floats, kept: Any) -> tuple[dict[str, Any], ...]:
     """Draws of extras and of sites that are kept of some frames, (T, 1, draws, ...), and moments of the extras."""
     markers, points = _places_of(body, drawn)
-    extras, summary = {"markers": markers[:, None, kept], "points": points[:, None, kept]}, {}
+    extras = {"markers": markers[:, None, kept], "points": points[:, None, kept]}
+    summary: dict[str, Any] = {}
     for name, values in (("markers", markers), ("points", points)):
-        summary[f"{name}_mean"], summary[f"{name}_sd"] = values.mean(1), values.std(1)
-        summary[f"{name}_quantile"] = np.moveaxis(np.quantile(values, QUANTILES, axis=1), 0, 1).astype(np.float32)
+        summary |= {f"{name}_{moment}": found for moment, found in _moments(values).items()}
     sites = {"state": drawn.poses, "shift": drawn.shifts, "velocity": velocities}
     draws = {name: values[:, None, kept].astype(np.float32) for name, values in sites.items()}
     for name, values in (("length", drawn.lengths), ("camera_error", drawn.errors)):
@@ -123,6 +122,21 @@ def _kept_of_block(body: SeenBody, drawn: _Drawn, velocities: Floats, kept: Any)
             same = values[None, None, kept].astype(np.float32)
             draws[name] = np.broadcast_to(same, (len(markers), *same.shape[1:]))
     return extras, draws, summary
+
+
+def _moments(values: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+    """Mean, standard deviation and quantiles of draws (T, N, ...); those of sorted columns are the fastest."""
+    count = values.shape[1]
+    columns = np.ascontiguousarray(np.moveaxis(values, 1, -1))
+    columns.sort(-1)
+    at = np.asarray(QUANTILES) * (count - 1)
+    low = np.minimum(at.astype(int), max(count - 2, 0))
+    share = (at - low).astype(np.float32)
+    quantiles = (1 - share) * columns[..., low] + share * columns[..., np.minimum(low + 1, count - 1)]
+    mean = columns.mean(-1)
+    columns -= mean[..., None]
+    deviation = np.sqrt(np.einsum("...n,...n->...", columns, columns) / count)
+    return {"mean": mean, "sd": deviation, "quantile": np.ascontiguousarray(np.moveaxis(quantiles, -1, 1))}
 
 
 def _exact_summary(body: SeenBody, mode: Mode, around: Around, spans: dict[str, slice]) -> dict[str, Any]:
@@ -167,26 +181,19 @@ def _unseen_shifts(body: SeenBody, num_frames: int, count: int, rng: np.random.G
 
 def _places_of(body: SeenBody, drawn: _Drawn) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Places (T, N, K, 3) of a block of frames, mm, and where the cameras see them (T, N, C, K, 2)."""
-    count = len(drawn.poses)
-    rows = np.minimum(np.arange(FRAMES), count - 1)
-    filled = drawn._replace(poses=drawn.poses[rows], shifts=drawn.shifts[rows])
-    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), (body.tree, body.cameras, filled))
-    per_length = body.inputs.errors.per_length
-    markers, points = _places(*single, per_length)
-    return np.asarray(markers)[:count], np.asarray(points)[:count]
-
-
-@stored_jit
-def _places(tree: KinematicTree, cameras: Cameras, drawn: _Drawn, per_length: KinematicTree | None) -> tuple[Array, Array]:
-    def one(poses: Array, shifts: Array, lengths: Array, errors: Array) -> tuple[Array, Array]:
-        own = tree if per_length is None else resized(tree, per_length, lengths)
-        lens = erring(cameras, errors) if errors.size else cameras
-        places = jax.vmap(lambda pose: marker_positions(own, pose))(poses) + shifts
-        return places, jnp.moveaxis(project(lens, places), 0, 1)
-
-    markers, points = jax.vmap(one, (1, 1, 0, 0), 1)(*drawn)
-    return markers, points
+    single = np.float32
+    frames, count, width = drawn.poses.shape
+    own, per_length = MarkerKinematics.of(body.tree), body.inputs.errors.per_length
+    if per_length is not None:
+        parts = (own.offsets, per_length.offsets), (own.marker_offsets, per_length.marker_offsets)
+        own_offsets: Any = [base + np.tensordot(drawn.lengths, np.asarray(each, np.float64), 1) for base, each in parts]
+        own = own.with_offsets(*(np.tile(each.astype(single), (frames, 1, 1)) for each in own_offsets))
+    poses = drawn.poses.reshape(-1, width).astype(single)
+    markers = own.places(poses).reshape(frames, count, -1, 3) + drawn.shifts.astype(single)
+    errors = drawn.errors if drawn.errors.size else None
+    points = np.moveaxis(points_of_erring_cameras(body.cameras, markers, errors), 0, 2)
+    return markers.astype(single), points.astype(single)
 
 
 def _blocks(num_frames: int) -> Iterator[slice]:
-    return (slice(first, min(first + FRAMES, num_frames)) for first in range(0, num_frames, FRAMES))
+    return (slice(first, min(first + _FRAMES, num_frames)) for first in range(0, num_frames, _FRAMES))

@@ -9,28 +9,22 @@ Reduced errors are three numbers a marker: of the errors in all cameras the part
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 from poseppl_models.bodies.detected_points import FREEDOM
 
 from poseppl.arrays import Booleans, Floats, Integers
-from poseppl.compilation import double_precision
 from poseppl.gaussians.walk_chains import WalkChains, ar1_chains
 from poseppl.motion.bodies.body import BodyInputs
-from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
-from poseppl.motion.likelihoods.detected_points import DetectedPoints
-from poseppl.runs.run import Constant
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.recorded_frames import MarkerKinematics, image_points, image_slopes, image_slopes_by_pose
+from poseppl.motion.tracking.recorded_velocities import velocity_chains, without_constants
 from poseppl.smoothers.marginal_errors import SeenWalk, Unchanging
-from poseppl.stored_programs import stored_jit
 
-FRAMES = 64
-"""That are linearised together: programs are compiled for so many, whatever the length of a recording."""
 _RIDGE = 1e-4, 1e-5
 """On what points tell of a place, of its trace, and 1 / mm^2: they tell nothing along the ray of a marker in one camera."""
 
@@ -46,6 +40,7 @@ class SeenBody(NamedTuple):
         points: (T, C, K, 2) image points of these, 0 where not seen.
         known: Whether they are seen (T, C, K).
         scale: Scale of the independent errors (T, C, K), image units.
+        kinematics: Kinematics of the seen markers.
     """
 
     tree: KinematicTree
@@ -55,6 +50,7 @@ class SeenBody(NamedTuple):
     points: Floats
     known: Booleans
     scale: Floats
+    kinematics: MarkerKinematics
 
     @property
     def dimension(self) -> int:
@@ -73,7 +69,7 @@ class SeenBody(NamedTuple):
         """How poses, velocities and the places of markers beside their joints walk."""
         own = self.inputs
         shift = ar1_chains(own.errors.shift_kept, float(own.errors.shift_scale), 3 * len(self.markers))
-        return _walk_along_velocities(own).beside(shift)
+        return velocity_chains(own).beside(shift)
 
     def states(self, poses: Floats) -> Floats:
         """Trajectory (T, n) of poses (T, d) at rest, with markers in their joints."""
@@ -87,16 +83,21 @@ class SeenBody(NamedTuple):
 
     def residuals(self, x: Floats) -> Floats:
         """Residuals (M, T, 2) of a trajectory (T, n), in units of the scale."""
-        (seen,) = self._evaluated(_locate, x)
-        return self._in_units(self.points - seen[:, :, self.markers])
+        places = self.kinematics.places(x[:, : self.dimension]) + self._own_shifts(x)
+        return self._in_units(self.points - image_points(self.cameras, places).swapaxes(0, 1))
 
     def view(self, x: Floats) -> BodyView:
         """The data linearised about a trajectory (T, n)."""
-        slopes, moves = self._evaluated(_slopes, x)
-        slopes = slopes[:, :, self.markers] / self.scale[..., None, None] * self.known[..., None, None]
+        places, moves = self.kinematics.places_and_moves(x[:, : self.dimension])
+        slopes = image_slopes(self.cameras, places + self._own_shifts(x))[1].swapaxes(0, 1)
+        slopes = slopes * (self.known / self.scale)[..., None, None]
         count = len(self.markers)
         by_place = np.ascontiguousarray(slopes.transpose(0, 2, 4, 1, 3)).reshape(len(x), count, 3, -1)
-        return BodyView(moves[:, self.markers].reshape(len(x), 3 * count, -1), by_place)
+        return BodyView(moves.reshape(len(x), 3 * count, -1), by_place)
+
+    def _own_shifts(self, x: Floats) -> Floats:
+        """Places (T, K, 3) beside the joints of the seen markers."""
+        return x[:, 2 * self.dimension :].reshape(len(x), -1, 3)
 
     def unchanging(self, x: Floats) -> Unchanging | None:
         """Errors of lengths and of the cameras' poses, and what is seen of them about a trajectory (T, n); None if exact."""
@@ -107,8 +108,23 @@ class SeenBody(NamedTuple):
             return None
         root = np.zeros((size, size))
         root[: len(roots[0]), : len(roots[0])], root[len(roots[0]) :, len(roots[0]) :] = roots
-        by_length, by_camera = self._evaluated(_static_slopes, x, _double(errors.per_length))
+        poses = x[:, : self.dimension]
+        places = self.kinematics.places(poses) + self._own_shifts(x)
+        by_camera = image_slopes_by_pose(self.cameras, places).swapaxes(0, 1)
+        by_place = image_slopes(self.cameras, places)[1].swapaxes(0, 1)
+        by_length = by_place @ self._stretches(poses, errors.per_length)
         return Unchanging(root, lambda part: self._seen_of_unchanging(by_length, by_camera, part))
+
+    def _stretches(self, poses: Floats, per_length: Any) -> Floats:
+        """Derivatives (T, 1, K, 3, L) of places by lengths: about the root, places are linear in a tree's offsets."""
+        at_origin = poses.copy()
+        at_origin[:, :3] = 0.0
+        found = [np.zeros((len(poses), 1, len(self.markers), 3, 0))]
+        if per_length is not None:
+            offsets, of_markers = (np.asarray(each, np.float64) for each in (per_length.offsets, per_length.marker_offsets))
+            for own, beside in zip(offsets, of_markers[:, self.markers], strict=True):
+                found.append(self.kinematics.with_offsets(own, beside).places(at_origin)[:, None, ..., None])
+        return np.concatenate(found, -1)
 
     def _seen_of_unchanging(self, by_length: Floats, by_camera: Floats, part: slice) -> Floats:
         num_lengths = by_length.shape[-1]
@@ -120,24 +136,12 @@ class SeenBody(NamedTuple):
                 camera, which = divmod(index - num_lengths, 6)
                 change = np.zeros(by_length.shape[:-1])
                 change[:, camera] = by_camera[:, camera, ..., which]
-            found.append(self._in_units(change[:, :, self.markers]))
+            found.append(self._in_units(change))
         return np.stack(found)
 
     def _in_units(self, offset: Floats) -> Floats:
         """Offsets (T, C, K, 2) of the seen markers' points by series, in units of the scale; 0 where not seen."""
         return _by_series(np.where(self.known[..., None], offset / self.scale[..., None], 0.0))
-
-    def _evaluated(self, program: Callable[..., Any], x: Floats, *more: Any) -> tuple[Floats, ...]:
-        """A program of poses and shifts, frame by frame, in blocks of :data:`FRAMES`."""
-        poses, shifts = x[:, : self.dimension], self.shifts(x)
-        parts = []
-        with double_precision():
-            for first in range(0, len(x), FRAMES):
-                rows = np.minimum(np.arange(first, first + FRAMES), len(x) - 1)
-                count = min(FRAMES, len(x) - first)
-                found = program(self.tree, self.cameras, poses[rows], shifts[rows], *more)
-                parts.append([np.asarray(each)[:count] for each in found])
-        return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
 def seen_body(inputs: Any, points: Floats) -> SeenBody:
@@ -147,16 +151,16 @@ def seen_body(inputs: Any, points: Floats) -> SeenBody:
         inputs: Inputs of the programs of ``poseppl_models.bodies.detected_points``, constants wrapped.
         points: (T, C, K, 2) image points, NaN where a marker was not seen.
     """
-    own = jax.tree.map(
-        lambda leaf: leaf.value if isinstance(leaf, Constant) else leaf, inputs, is_leaf=lambda leaf: isinstance(leaf, Constant)
-    )
+    own = without_constants(inputs)
     known = np.asarray(np.isfinite(points).all(-1))
     markers = np.flatnonzero(known.any((0, 1)))
     seen = np.where(known[..., None], points, 0.0)[:, :, markers]
     share = float(own.errors.error_share)
     noise = np.broadcast_to(np.asarray(own.noise, np.float64), known.shape)[:, :, markers]
     scale = np.sqrt((1 - share) * FREEDOM / (FREEDOM + 2)) * noise
-    return SeenBody(_double(own.tree), _double(own.cameras), own, markers, seen, known[:, :, markers], scale)
+    tree = _double(own.tree)
+    kinematics = MarkerKinematics.of(tree).of_markers(markers)
+    return SeenBody(tree, _double(own.cameras), own, markers, seen, known[:, :, markers], scale, kinematics)
 
 
 class BodyView(NamedTuple):
@@ -186,6 +190,20 @@ class BodyView(NamedTuple):
 
     def reduced(self, weight: Floats, ratio: float) -> tuple[int, Iterator[Floats]]:
         """Three errors a marker, and what each frame's points tell of pose, velocity, places and these."""
+        return 3 * self.by_place.shape[1], self._information(*self._of_places(weight, ratio))
+
+    def reduced_noise(self, weight: Floats, ratio: float, rng: np.random.Generator, count: int) -> Floats:
+        """Draws (T, N, n + m) with mean 0, whose covariance is that information."""
+        precision, root = self._of_places(weight, ratio)
+        (frames, markers), width = precision.shape[:2], self.moves.shape[2]
+        forces = _symmetric_root(precision) @ rng.standard_normal((frames, markers, 3, count))
+        place, error = (each.reshape(frames, 3 * markers, count) for each in (forces, root @ forces))
+        pose = np.swapaxes(self.moves, 1, 2) @ place
+        found = np.concatenate([pose, np.zeros((frames, width, count)), place, error], 1)
+        return np.ascontiguousarray(np.swapaxes(found, 1, 2), np.float32)
+
+    def _of_places(self, weight: Floats, ratio: float) -> tuple[Floats, Floats]:
+        """Information of the points on places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
         frames, markers = self.by_place.shape[:2]
         each = weight.reshape(markers, -1, frames, 2, 2).transpose(2, 0, 1, 3, 4)
         slopes = self.by_place.reshape(frames, markers, 3, -1, 2)
@@ -193,8 +211,7 @@ class BodyView(NamedTuple):
         precision = weighed @ np.swapaxes(self.by_place, -1, -2)
         eye, relative = np.eye(3), _RIDGE[0] * np.trace(precision, axis1=-2, axis2=-1)[..., None, None]
         inverse = np.linalg.inv(precision + (relative + _RIDGE[1]) * eye)
-        root = ratio * _symmetric_root(inverse @ (weighed @ np.swapaxes(weighed, -1, -2)) @ inverse)
-        return 3 * markers, self._information(precision, root)
+        return precision, ratio * _symmetric_root(inverse @ (weighed @ np.swapaxes(weighed, -1, -2)) @ inverse)
 
     def _information(self, precision: Floats, root: Floats) -> Iterator[Floats]:
         """Frame by frame, of what points tell of places (T, K, 3, 3), and roots of the reduced errors' covariances there."""
@@ -220,24 +237,6 @@ class BodyView(NamedTuple):
             yield block
 
 
-def _walk_along_velocities(own: BodyInputs) -> WalkChains:
-    """Poses and velocities; see ``poseppl_models.bodies.detected_points``."""
-    steps, start, spread = (np.asarray(each, np.float64) for each in (own.step_scale, own.start, own.start_scale))
-    paces: Any = own.velocities
-    scale, kept, along = (np.asarray(each, np.float64) for each in paces)
-    left, mean = np.ones_like(steps), np.zeros_like(steps)
-    if own.posture is not None:
-        left = np.asarray(own.posture.kept, np.float64)
-        mean = (1 - left) * np.asarray(own.posture.mean, np.float64)
-    whole, way = 1 / steps, left * along[:, None] / steps
-    whole[0], way[0], mean[0] = 1 / spread, 0.0, start
-    before = left / steps
-    before[0] = 0.0
-    pace = ar1_chains(kept, scale, len(scale))
-    chains = WalkChains(whole, before, -way, way, whole * mean)
-    return chains.beside(pace)
-
-
 def _by_series(values: NDArray[Any]) -> NDArray[Any]:
     """(T, C, K, ...) as (K C, T, ...)."""
     moved = np.moveaxis(values, 0, 2).swapaxes(0, 1)
@@ -251,54 +250,3 @@ def _symmetric_root(matrices: Floats) -> Floats:
 
 def _double(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), tree)
-
-
-@stored_jit
-def _locate(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) -> tuple[Array]:
-    """Points (T, C, K, 2)."""
-    return (jax.vmap(lambda pose, shift: project(cameras, marker_positions(tree, pose) + shift))(poses, shifts),)
-
-
-def _points(
-    tree: KinematicTree, cameras: Cameras, pose: Array, shift: Array, lengths: Array, per_length: Any, errors: Array
-) -> DetectedPoints:
-    shape = (cameras.centre.shape[0], len(tree.marker_names))
-    return DetectedPoints(
-        tree,
-        cameras,
-        pose,
-        shift,
-        jnp.zeros((*shape, 2)),
-        lasting=jnp.ones(shape),
-        scale=jnp.ones(shape),
-        lengths=lengths,
-        per_length=per_length,
-        camera_errors=errors,
-    )
-
-
-@stored_jit
-def _slopes(tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array) -> tuple[Array, Array]:
-    """How points change with places (T, C, K, 2, 3), and places with poses (T, K, 3, d)."""
-
-    def one(pose: Array, shift: Array) -> tuple[Array, Array]:
-        points = _points(tree, cameras, pose, shift, jnp.zeros(0), None, jnp.zeros(0))
-        return points.by_place(), points.moves()
-
-    return jax.vmap(one)(poses, shifts)
-
-
-@stored_jit
-def _static_slopes(
-    tree: KinematicTree, cameras: Cameras, poses: Array, shifts: Array, per_length: KinematicTree | None
-) -> tuple[Array, Array]:
-    """How points change with lengths (T, C, K, 2, L), and with the errors of their camera (T, C, K, 2, 6)."""
-    num_lengths = 0 if per_length is None else len(per_length.offsets)
-
-    def one(pose: Array, shift: Array) -> tuple[Array, Array]:
-        errors = jnp.zeros(6 * cameras.centre.shape[0])
-        points = _points(tree, cameras, pose, shift, jnp.zeros(num_lengths), per_length, errors)
-        lengths = jnp.zeros((*points.batch_shape, 0))
-        return (lengths if per_length is None else points.by_place() @ points.stretches()), points.by_camera()
-
-    return jax.vmap(one)(poses, shifts)

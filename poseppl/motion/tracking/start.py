@@ -15,17 +15,14 @@ from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy
-from jax import Array
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
-from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
-from poseppl.stored_programs import stored_jit
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.recorded_frames import MarkerKinematics, image_points, image_slopes
 
 NUM_HEADINGS = 8
 START_ANGLE = 0.3
@@ -108,27 +105,26 @@ class PoseSearch(NamedTuple):
         return state - 2 * np.pi * turns
 
 
-def _offsets(x: Array, tree: KinematicTree, cameras: Cameras, points: Array, weights: Array, rest: Array, free: Array) -> Array:
-    """Residuals of points, and of the pose beside the rest pose."""
-    offset = (project(cameras, marker_positions(tree, x)) - points) * weights
-    return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
-
-
-_residuals, _derivatives = stored_jit(_offsets), stored_jit(jax.jacrev(_offsets))
-
-
 def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
     search = PoseSearch.of(body)
-    seen = np.isfinite(points)
+    seen, kinematics = np.isfinite(points), MarkerKinematics.of(body.tree)
     shown = np.asarray(seen.all(axis=2).any(axis=0))
-    shape = np.where(seen, points, 0.0)
+    shape, weights = np.where(seen, points, 0.0), seen / noise[..., None]
+    held = np.where(search.free, 1 / _REST_SPREAD, 0.0)
 
-    weights = seen / noise[..., None]
-    given = body.tree, cameras, shape, weights, search.rest, search.free
+    def offsets(x: Floats) -> Floats:
+        seen_there = image_points(cameras, kinematics.places(x[None])[0])
+        return np.concatenate([((seen_there - shape) * weights).ravel(), held * (x - search.rest)])
+
+    def slopes(x: Floats) -> Floats:
+        places, moves = kinematics.places_and_moves(x[None])
+        by_pose = (image_slopes(cameras, places[0])[1] * weights[..., None]) @ moves[0]
+        return np.concatenate([by_pose.reshape(-1, x.size), np.diag(held)])
+
     solve = partial(
         scipy.optimize.least_squares,
-        lambda x: np.asarray(_residuals(x, *given), np.float64),
-        jac=lambda x: np.asarray(_derivatives(x, *given), np.float64),
+        offsets,
+        jac=slopes,
         x_scale=search.x_scale,
         method="trf",
         ftol=1e-4,
@@ -138,21 +134,15 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     )
     found = []
     for guess in search.guesses():
-        guess[:3] = guess[:3] + place_of_points(body, cameras, points, guess) - _centre(body, guess, shown)
+        guess[:3] = guess[:3] + place_of_points(body, cameras, points, guess) - kinematics.places(guess[None])[0, shown].mean(0)
         solution = solve(x0=guess)
         found.append((float(solution.cost), solution.x))
     return search.unwound(np.asarray(min(found, key=lambda candidate: candidate[0])[1], np.float64))
 
 
-def _centre(body: Body, state: Floats, seen: Booleans) -> Floats:
-    """Mean place (3,) of the seen markers of a state."""
-    places = np.asarray(marker_positions(body.tree, jnp.asarray(state)), np.float64)
-    return np.asarray(places[seen].mean(0))
-
-
 def place_of_points(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:
     """Middle of the seen markers: the nearest point to the rays of all cameras that see some, else by size."""
-    places, normals = [], []
+    places, normals, posed = [], [], MarkerKinematics.of(body.tree).places(guess[None])[0]
     for camera in range(len(points)):
         seen = np.isfinite(points[camera]).all(-1)
         if not seen.any():
@@ -161,7 +151,7 @@ def place_of_points(body: Body, cameras: Cameras, points: Floats, guess: Floats)
         image = (points[camera, seen] - principal) / focal
         ray = np.append(image.mean(0), 1.0)
         rotation, centre = (np.asarray(field[camera], np.float64) for field in (cameras.rotation, cameras.centre))
-        markers = np.asarray(marker_positions(body.tree, jnp.asarray(guess)), np.float64)[seen]
+        markers = posed[seen]
         across = ((markers - markers.mean(0)) @ rotation.T)[:, :2]
         size = np.sqrt(np.square(image - image.mean(0)).sum())
         depth = np.sqrt(np.square(across).sum()) / max(float(size), 1e-9)

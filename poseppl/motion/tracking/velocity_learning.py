@@ -15,20 +15,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from threadpoolctl import threadpool_limits
 
 from poseppl.arrays import Floats
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions
 from poseppl.motion.bodies.body import Velocities
 from poseppl.motion.tracking.problem import Problem, body_inputs
+from poseppl.motion.tracking.recorded_velocities import learned_paces, seen_poses, without_constants
 from poseppl.motion.tracking.walk import VELOCITY_LASTS, velocity_steps
 from poseppl.motion.tracking.walk_learning import (
     NARROWEST,
     NUM_ROUNDS,
     WIDEST,
     Expansion,
+    check_walk,
     expand,
     expected_innovations,
+    groups_of,
     learned_scales,
     reversion,
 )
@@ -60,13 +64,23 @@ def with_velocities(problem: Problem, seconds: Floats, start: Floats | None = No
     kept, step, way = velocity_steps(seconds)
     speeds = jnp.asarray(own.step_scale[0] / np.sqrt(2 * VELOCITY_LASTS * seconds[0]), float)  # that go as far in a long time
     whole = jnp.ones_like(speeds)
-    if len(seconds) > 1:
-        poses = None if start is None else jnp.asarray(start, float)
+    if len(seconds) > 1 and start is not None:
+        whole = jnp.asarray(_recorded(problem, np.asarray(speeds, np.float64), (kept, step, way), start), float)
+    elif len(seconds) > 1:
         units = tuple(jnp.asarray(each, float) for each in (kept, step, way))
-        whole = learned_scales(problem, lambda *known: _learn(*known[:3], speeds, units, *known[3:], poses))
+        whole = learned_scales(problem, lambda *known: _learn(*known[:3], speeds, units, *known[3:]))
     scale = speeds * whole
     velocities = Velocities(Constant(scale), jnp.asarray(kept, float), jnp.asarray(step, float))
     return own._replace(step_scale=jnp.asarray(way, float)[:, None] * scale, velocities=velocities)
+
+
+def _recorded(problem: Problem, speeds: Floats, units: tuple[Floats, Floats, Floats], start: Floats) -> Floats:
+    """Scales (d,) of all coordinates in units of the speeds (d,), about poses (T, d) that are known."""
+    check_walk(problem)
+    own = without_constants(body_inputs(problem.inputs))
+    seen, groups = seen_poses(own, problem.observations), groups_of(problem.body)
+    with threadpool_limits(limits=1, user_api="blas"):  # threads of small matrices wait for each other, and spin
+        return learned_paces(own, seen, start, groups, speeds, units)
 
 
 @partial(stored_jit, num_static=3)
@@ -78,7 +92,6 @@ def _learn(
     units: Units,
     observations: Observation,
     inputs: Any,
-    poses: Any,
 ) -> Array:
     """Scales (d,) of all coordinates in units of the speeds (d,); 1 where they are clamped."""
     kept, _, way = units
@@ -99,7 +112,7 @@ def _learn(
         fine = jnp.all(jnp.isfinite(new)) & jnp.all(jnp.isfinite(means))
         return jnp.where(fine, new, scales), jnp.where(fine, means[:, :d], trajectory)
 
-    start = smoothed_moments(model, observations, inputs).mean if poses is None else poses[:, jnp.asarray(free)]
+    start = smoothed_moments(model, observations, inputs).mean
     scales, _ = jax.lax.fori_loop(0, NUM_ROUNDS, update, (jnp.ones_like(members, own.dtype), start))
     return jnp.ones_like(speeds).at[jnp.asarray(free)].set(scales[group])
 

@@ -28,7 +28,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import jit_lightly
 from poseppl.errors import Argument, InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
@@ -37,7 +36,7 @@ from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
 from poseppl.particles.stacks import tree_index
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.frame_sequence import frame_inputs, frame_sequence
 from poseppl.smoothers import smoothed_moments
 from poseppl.stored_programs import stored_jit
 
@@ -79,31 +78,42 @@ def learned_scales(problem: Problem, learn: Callable[..., Array]) -> Array:
     Raises:
         InputError: As of :func:`learn_walk`.
     """
+    check_walk(problem)
     sequence = frame_sequence(problem.observations, problem.inputs, None)
     data = jax.tree.map(jnp.asarray, sequence.observations), sequence.stacked_inputs()
-    free = problem.body.free_coordinates
     try:
-        _check_walk(problem.model, free, data[1])
-        return learn(problem.model, _groups(problem.body), free, *data)
+        return learn(problem.model, groups_of(problem.body), problem.body.free_coordinates, *data)
     except ValueError as error:
-        raise InputError(
-            f"the walk of this body cannot be learned: {error}", field=Argument("walk"), expected="fixed"
-        ) from error
+        raise _unlearnable(error) from error
 
 
-def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> None:
-    """Refuse transitions that are not N(mean + kept (x - mean), step_scale^2).
+def check_walk(problem: Problem) -> None:
+    """Refuse transitions of a problem, of two frames or more, that are not N(mean + kept (x - mean), step_scale^2).
 
     Raises:
-        ValueError: They are not.
+        InputError: They are not, or have no Gaussian moments.
     """
-    x, second = jnp.ones(model.dimension), tree_index(inputs, 1)
-    mean, covariance = jit_lightly(model.transition_moments)(x, second)
-    steps = np.asarray(body_inputs(second).step_scale)[list(free)]
-    kept, offset = reversion(body_inputs(second), free)
+    model, free = problem.model, problem.body.free_coordinates
+    x, second = np.ones(model.dimension, np.float32), frame_inputs(problem.inputs, 1)
+    try:
+        mean, covariance = _transition_moments(model, x, second)
+    except ValueError as error:
+        raise _unlearnable(error) from error
+    own = jax.tree.map(np.asarray, body_inputs(second))
+    kept, offset = (np.asarray(each) for each in reversion(own, free))
     still = np.allclose(mean, kept * x + offset, atol=1e-5)
-    if not still or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
-        raise ValueError("its transition is not the random walk of its inputs' step_scale and posture")
+    if not still or not np.allclose(covariance, np.diag(own.step_scale[list(free)] ** 2), rtol=1e-3, atol=0.0):
+        raise _unlearnable("its transition is not the random walk of its inputs' step_scale and posture")
+
+
+@partial(stored_jit, num_static=1)
+def _transition_moments(model: CompiledModel, x: Array, inputs: Any) -> tuple[Array, Array]:
+    mean, covariance = model.transition_moments(x, inputs)
+    return mean, covariance
+
+
+def _unlearnable(why: object) -> InputError:
+    return InputError(f"the walk of this body cannot be learned: {why}", field=Argument("walk"), expected="fixed")
 
 
 def reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
@@ -116,7 +126,7 @@ def reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
     return left, (1 - left) * inputs.posture.mean[..., chosen]
 
 
-def _groups(body: Body) -> tuple[int, ...]:
+def groups_of(body: Body) -> tuple[int, ...]:
     """Number of the group of each free coordinate: a joint's axes share one, each of the root's translations has its own."""
     coordinates = [body.tree.coordinates[index] for index in body.free_coordinates]
     names = [(joint, axis if axis in ("tx", "ty", "tz") else "") for joint, axis in coordinates]

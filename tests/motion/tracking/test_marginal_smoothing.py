@@ -126,6 +126,20 @@ def test_mode_and_standard_deviations_are_those_of_the_programs(solved: Solved) 
     assert abs(np.median(ratio) - 1) < 0.01 and np.quantile(np.abs(ratio - 1), 0.95) < 0.03, np.quantile(ratio, [0, 0.5, 1])
 
 
+@pytest.mark.full
+def test_noise_of_reduced_errors_has_the_covariance_of_their_information(solved: Solved) -> None:
+    """Within five standard errors of 4000 draws, in a frame in which one camera misses a knee."""
+    frame, count, walk = 6, 4000, solved.body.problem()
+    view = solved.body.view(solved.mode.x)
+    weight = np.where(walk.known[..., None, None], np.eye(2), 0.0)
+    information = [each.copy() for each in view.reduced(weight, walk.ratio)[1]][frame]
+    one = type(view)(view.moves[frame : frame + 1], view.by_place[frame : frame + 1])
+    noise = one.reduced_noise(weight[:, frame : frame + 1], walk.ratio, np.random.default_rng(0), count)[0].astype(float)
+    size = np.sqrt(np.diag(information))
+    off = noise.T @ noise / count - information
+    assert np.all(np.abs(off) <= 5 * np.outer(size, size) * np.sqrt(2 / count) + 1e-9)
+
+
 def _double(leaf: Any) -> Any:
     return jnp.asarray(np.asarray(leaf, np.float64 if np.asarray(leaf).dtype.kind == "f" else None))
 
