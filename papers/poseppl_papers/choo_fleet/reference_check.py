@@ -76,7 +76,8 @@ def _compiled(recording: Recording, system: str, num_particles: int, num_chains:
 
     def mean(rng_key: Array, observation: Observation, inputs: Any) -> Array:
         state, _ = tempered.init(rng_key, observation, inputs)
-        return jax.nn.softmax(state.log_weights) @ state.particles
+        average: Array = jax.nn.softmax(state.log_weights) @ state.particles
+        return average
 
     return jit(mean), jit(reference(model, num_chains))
 
