@@ -49,6 +49,7 @@ def test_settings_that_were_not_timed_alone_are_not_reported():
 
 PARTS = {
     "single-frame": ("variances", "coordinates", "speed_ups", "volumes", "references"),
+    "reference": ("reference_check",),
     "sequence": ("sequence", "sequence_summary"),
     "tuning": ("tuning", "autocorrelation", "burn_in"),
     "contest": ("contest", "contest_sequences"),

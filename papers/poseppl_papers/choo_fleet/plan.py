@@ -13,6 +13,7 @@ from poseppl_papers.choo_fleet.contest import (
     run_trajectory,
     settings_of,
 )
+from poseppl_papers.choo_fleet.reference_check import ReferenceCheck, check_reference
 from poseppl_papers.choo_fleet.sequence import SequenceRuns, Settings, run_sequence
 from poseppl_papers.choo_fleet.single_frame import FrameRuns, FrameTiming, estimate_frame, time_frame
 from poseppl_papers.choo_fleet.systems import SIMULATED, SYSTEMS, single_frames, stage_of
@@ -30,6 +31,8 @@ class Scale(NamedTuple):
         block: Runs of one job.
         num_settings: How many settings of each row of Table 1.
         reference_chains: Chains of a reference.
+        check_runs: Runs of the tempered filter that references are compared with.
+        check_particles: Their particles.
         systems: The trackers.
         sequence_systems: Those that are run on sequences.
         other_system: The tracker of tuning and contest.
@@ -48,6 +51,8 @@ class Scale(NamedTuple):
     block: int = 10
     num_settings: int = 7
     reference_chains: int = 400
+    check_runs: int = 20
+    check_particles: int = 4_000
     systems: tuple[str, ...] = tuple(SYSTEMS)
     sequence_systems: tuple[str, ...] = ("lower_body", "full_body")
     other_system: str = "full_body"
@@ -67,6 +72,8 @@ QUICK = Scale(
     block=8,
     num_settings=4,
     reference_chains=100,
+    check_runs=8,
+    check_particles=1_000,
     num_frames=10,
     particles={"lower_body": 5_000, "full_body": 10_000},
     num_leapfrogs=(1, 10, 40),
@@ -105,6 +112,17 @@ def plan_single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str
     """Estimates of single frames, and how long each takes alone (section 7.3)."""
     timings = [FrameTiming(BUILT_IN, system, scale.num_settings, 9) for system in scale.systems]
     return {"frames": _estimates(scale, recordings, scale.systems, scale.runs), "timings": Task(time_frame, timings)}
+
+
+def plan_reference(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """References of single frames beside another algorithm."""
+    jobs = [
+        ReferenceCheck(recording, system, frame, scale.check_runs, scale.check_particles, scale.reference_chains)
+        for recording in recordings
+        for system in scale.systems
+        for frame in frames_of(recording)
+    ]
+    return {"references": Task(check_reference, jobs)}
 
 
 def plan_sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
