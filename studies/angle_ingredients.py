@@ -49,7 +49,7 @@ from studies.simulated_keypoints import LEVELS, OPENSIM, WALKS, ideal_deviations
 
 CASES: Mapping[str, tuple[bool, bool]] = {
     "all known": (False, False),
-    "cameras mended": (False, True),
+    "cameras corrected": (False, True),
     "lengths measured": (True, False),
     "both": (True, True),
 }

@@ -1,4 +1,4 @@
-"""Charts as Plotly's figures, which the page draws, and whose traces :func:`poseppl.report.picture.draw` draws into a picture.
+"""Charts as Plotly's figures, which the page draws, and whose traces :mod:`poseppl.report.figures` draws into a picture.
 
 They contain names of results unchanged: the page's script escapes them for Plotly, which reads a few HTML tags.
 """

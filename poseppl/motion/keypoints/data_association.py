@@ -129,16 +129,16 @@ def associate(
             recording = recording._replace(points=points, confidence=confidence)
             seen, first = _seen_after_proposals(recording, noise, rate, pairs)
         swaps = swap_probabilities(points, seen, pairs, elapsed)
-        mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
+        corrected = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
         if np.any((swaps > 0.5) != (first > 0.5)):
-            seen = _seen(recording._replace(points=mended[0], confidence=mended[1]), noise, rate)
+            seen = _seen(recording._replace(points=corrected[0], confidence=corrected[1]), noise, rate)
             swaps = swap_probabilities(points, seen, pairs, elapsed)
-            mended = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
+            corrected = exchanged(points, swaps, pairs), exchanged(confidence, swaps, pairs)
     except InputError:  # a person whom no two cameras see at a time, or behind one: what follows says so
         return None
     identity = identity_probabilities(people, seen, pairs)
     own = np.take_along_axis(identity, np.maximum(better, 0)[..., None], 2)[..., 0]
-    return Association(*mended, better, np.where(better >= 0, own, np.nan), swaps, tuple(named))
+    return Association(*corrected, better, np.where(better >= 0, own, np.nan), swaps, tuple(named))
 
 
 def identity_probabilities(people: Sequence[DetectedPeople], seen: SeenPoints, pairs: Sequence[Pair]) -> Floats:

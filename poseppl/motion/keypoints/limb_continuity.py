@@ -56,8 +56,8 @@ def proposed_swaps(cameras: Cameras, points: Floats, confidence: Floats, pairs: 
         for camera in range(points.shape[1]):
             own[:, camera, number] = _crossings(points[:, camera], pair, rate)
         if own.any():
-            plain, mended = (_fit(cameras, exchanged(points, each, pairs), confidence, noise, pair) for each in (swaps, own))
-            swaps = own + swaps if mended > plain else swaps
+            plain, corrected = (_fit(cameras, exchanged(points, each, pairs), confidence, noise, pair) for each in (swaps, own))
+            swaps = own + swaps if corrected > plain else swaps
     return swaps
 
 

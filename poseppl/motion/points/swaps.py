@@ -98,12 +98,12 @@ def two_state_smoothing(log_likelihood: Floats, elapsed: Floats) -> Floats:
 
 def exchanged(points: Floats, probabilities: Floats, pairs: Sequence[Pair]) -> Floats:
     """Values (T, C, K, ...) of points with the limbs exchanged where that is more likely than not."""
-    mended = points.copy()
+    corrected = points.copy()
     for number, (left, right) in enumerate(pairs):
         rows, cameras = np.nonzero(probabilities[..., number] > 0.5)
         for one, other in zip(left, right, strict=True):
-            mended[rows, cameras, one], mended[rows, cameras, other] = (
+            corrected[rows, cameras, one], corrected[rows, cameras, other] = (
                 points[rows, cameras, other],
                 points[rows, cameras, one],
             )
-    return mended
+    return corrected

@@ -126,16 +126,16 @@ def test_the_person_and_the_cameras_errors_are_found(
     assert np.nanmax(np.linalg.norm(kept.scene.data.points[:, :, index] - wrist, axis=-1)) < 0.01
     assert any("cam_01: points lie" in note for note in kept.notes())
     assert 300 < kept.scene.body.lengths["thigh"] < 500
-    mended = scene_of_keypoints(KeypointSettings(folders, records, rate=60))
-    assert (mended.errors.scale < 10).all()  # 20, 10, 26 and 11 px as calibrated
-    assert (np.linalg.norm(mended.errors.bias, axis=-1) < 1.5).all()
-    assert (kept.errors.scale > mended.errors.scale).all()
-    assert any("cam_01: its calibration is off by" in note for note in mended.notes())
-    assert (mended.agreement > 0.98).all()
-    associated: Any = mended.associated  # nobody's limbs are exchanged, and nobody else is taken for him
+    corrected = scene_of_keypoints(KeypointSettings(folders, records, rate=60))
+    assert (corrected.errors.scale < 10).all()  # 20, 10, 26 and 11 px as calibrated
+    assert (np.linalg.norm(corrected.errors.bias, axis=-1) < 1.5).all()
+    assert (kept.errors.scale > corrected.errors.scale).all()
+    assert any("cam_01: its calibration is off by" in note for note in corrected.notes())
+    assert (corrected.agreement > 0.98).all()
+    associated: Any = corrected.associated  # nobody's limbs are exchanged, and nobody else is taken for him
     assert associated.pairs == ("arms", "legs") and not (associated.swaps > 0.5).any()
     assert associated.swaps.mean() < 0.001 and np.nanmin(associated.identity) > 0.99
-    assert np.array_equal(mended.scene.data.points, kept.scene.data.points, equal_nan=True)
+    assert np.array_equal(corrected.scene.data.points, kept.scene.data.points, equal_nan=True)
 
 
 @pytest.mark.full

@@ -48,8 +48,8 @@ def test_exchanges_are_found_and_undone(legs: tuple[SeenPoints, Floats, Floats])
     probability = swap_probabilities(points, seen, PAIRS, np.full(FRAMES, 1 / 30))
     assert ((probability > 0.5) == (wrong > 0.5)).mean() > 0.995
     assert (probability > 0.5)[wrong > 0.5].mean() > 0.9
-    mended = exchanged(points, probability, PAIRS)
-    off = np.abs(mended - seen.images)
+    corrected = exchanged(points, probability, PAIRS)
+    off = np.abs(corrected - seen.images)
     assert np.nanquantile(off[:, 1, :, 0], 0.97) < 10 < np.nanquantile(np.abs(points - seen.images)[:, 1, :, 0], 0.93)
 
 
