@@ -90,7 +90,7 @@ def test_what_a_prior_is_not_for(data_dir, learned):
     for scene, words in (
         (
             scene_of(data_dir, "poseppl_models.bodies.choo_fleet:full_body"),
-            "model: it was learned with the body poseppl_models.darby.body",
+            "model: it was learned with the body poseppl_models.darby.marker_body",
         ),
         (scene_of(data_dir, frames="0:20:4"), "of 20 frames a second, the scene of 30"),
     ):
