@@ -1,8 +1,9 @@
 """The job of parameters by particles: posterior means of the logarithms of both deviations of the drifting level in `job`.
 
 The first 100 frames, priors N(-0.5, 0.7^2) of log step and N(-1, 0.7^2) of log noise; chains of 5,000 updates with 200
-particles, of which the first 1,000 are warm-up. With so many particles the log-likelihood's variance is about 1 at the
-posterior mean. The exact answer is of a Kalman filter on a grid; errors are in posterior standard deviations.
+particles, of which the first 1,000 are warm-up; SMC² with 256 params and as many particles. With so many particles the
+log-likelihood's variance is about 1 at the posterior mean. The exact answer is of a Kalman filter on a grid; errors are in
+posterior standard deviations.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import job
 import numpy as np
 
-NUM_FRAMES, NUM_PARTICLES, NUM_WARMUP, NUM_DRAWS = 100, 200, 1000, 4000
+NUM_FRAMES, NUM_PARTICLES, NUM_WARMUP, NUM_DRAWS, NUM_PARAMS, NUM_RUNS = 100, 200, 1000, 4000, 256, 1
 PRIOR = np.array([[-0.5, 0.7], [-1.0, 0.7]])
 """Means and standard deviations of the logarithms of step and noise."""
 

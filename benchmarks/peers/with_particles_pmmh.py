@@ -19,12 +19,14 @@ class Level(ssm.StateSpaceModel):
         return dists.Normal(loc=x, scale=np.exp(self.noise))
 
 
-def prepare(data):
-    prior = dists.StructDist({"step": dists.Normal(*PRIOR[0]), "noise": dists.Normal(*PRIOR[1])})
+def prior_of_logarithms():
+    return dists.StructDist({"step": dists.Normal(*PRIOR[0]), "noise": dists.Normal(*PRIOR[1])})
 
+
+def prepare(data):
     def run(seed):
         np.random.seed(seed)  # noqa: NPY002 (particles draws from it)
-        chain = mcmc.PMMH(ssm_cls=Level, prior=prior, data=data, Nx=NUM_PARTICLES, niter=NUM_WARMUP + NUM_DRAWS)
+        chain = mcmc.PMMH(ssm_cls=Level, prior=prior_of_logarithms(), data=data, Nx=NUM_PARTICLES, niter=NUM_WARMUP + NUM_DRAWS)
         chain.run()
         return np.array([chain.chain.theta[name][NUM_WARMUP:].mean() for name in ("step", "noise")])
 

@@ -10,7 +10,7 @@ from job_pmmh import NUM_DRAWS, NUM_PARTICLES, NUM_WARMUP, PRIOR
 import poseppl
 
 NAME, PACKAGE, METHOD, JOB = "poseppl", "poseppl", "`fit`, PMMH, bootstrap filter", "job_pmmh"
-SETTINGS = {"num_chains": 1, "num_draws": NUM_DRAWS, "num_warmup": NUM_WARMUP}
+CHAIN = {"method": "pmmh", "num_chains": 1, "num_draws": NUM_DRAWS, "num_warmup": NUM_WARMUP}
 
 
 def parameters():
@@ -34,11 +34,11 @@ def bootstrap(model):
     return poseppl.particle_filter(model, NUM_PARTICLES)
 
 
-def prepare(data):
+def prepare(data, **settings):
     model = poseppl.StateSpaceModel(initial, transition, observation, parameters).compile()
 
     def run(seed):
-        draws = poseppl.fit(model, {"z": data}, bootstrap, jax.random.key(seed), method="pmmh", **SETTINGS)["posterior"]
+        draws = poseppl.fit(model, {"z": data}, bootstrap, jax.random.key(seed), **(settings or CHAIN))["posterior"]
         return np.array([np.log(draws[name].values).mean() for name in ("step", "noise")])
 
     return run

@@ -1,26 +1,24 @@
-"""The page's tables about other libraries: lines of programs, counted again from the files."""
+"""The page's tables about other libraries: lines of programs, counted again, and what the text says of seconds and errors."""
 
 from __future__ import annotations
 
 import ast
-import re
-from pathlib import Path
+from statistics import fmean
 
-from benchmarks.peers.__main__ import HERE, count_lines
+from benchmarks.peers.__main__ import COLUMNS, HERE, count_lines
+from studies.verdicts.pages import read_tables
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "validation" / "libraries.md"
+TABLE = read_tables()["library_jobs"]
 
 
-def written() -> set[tuple[str, str, int]]:
-    """Library, method and lines of each row."""
-    rows = re.findall(
-        r"^\|(?: \w+ \|)? ([\w-]+) [\d.]+ \| ([^|]+) \| (\d+) \| [\d. ]", PAGE.read_text(encoding="utf-8"), re.MULTILINE
-    )
-    return {(library, method, int(lines)) for library, method, lines in rows}
+def seconds(job: str, library: str, method: str = "", column: str = "seconds") -> float:
+    """The mean of the turns."""
+    rows = [row for row in TABLE.records(job=job) if row["library"].startswith(library) and method in row["method"]]
+    return fmean(row[column] for row in rows)
 
 
 def counted() -> set[tuple[str, str, int]]:
-    """The same, of each library's file."""
+    """Library, method and lines of each library's file."""
     found = set()
     for path in HERE.glob("with_*.py"):
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -30,6 +28,26 @@ def counted() -> set[tuple[str, str, int]]:
     return found
 
 
-def test_lines_of_the_tables_are_those_of_the_files():
-    assert len(written()) > 18
-    assert not written() - counted()
+def test_rows_are_of_all_files_and_their_lines_are_right() -> None:
+    assert TABLE.columns == COLUMNS
+    written = {(row["library"].split()[0], row["method"], row["lines"]) for row in TABLE.records()}
+    assert len(written) > 30 and written == counted()
+
+
+def test_seconds_are_as_the_text_says() -> None:
+    for rival in ("dynamax", "smcx"):
+        assert seconds("level", rival) < 2e-3 < seconds("level", "poseppl", "Kalman")
+    for rival in ("particles", "cuthbert"):
+        assert seconds("level", "poseppl", "bootstrap") < seconds("level", rival)
+    for library in ("poseppl", "cuthbert"):
+        assert seconds("parallel", library, "parallel") > seconds("parallel", library, "one after")
+    assert seconds("markov", "hmmlearn") < seconds("markov", "poseppl")
+    others = [seconds("nile", rival) for rival in ("poseppl", "dynestyx", "pymc-extras")]
+    assert seconds("nile", "statsmodels") < min(others) and others[2] == max(others)
+
+
+def test_maxima_are_the_same() -> None:
+    for job in ("markov", "regimes", "nile"):
+        errors = {row["library"].split()[0]: row["error"] for row in TABLE.records(job=job)}
+        assert max(error for library, error in errors.items() if library != "statsmodels") < 1e-3
+        assert errors["poseppl"] < 1e-4
