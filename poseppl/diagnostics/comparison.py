@@ -80,7 +80,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
     if TIE in runs or "" in runs:
         raise InputError(f"a run is called {TIE!r}" if TIE in runs else "a run has no name", expected="another name")
     first: tuple[str, Data] | None = None
-    parts, found, known, seen_otherwise, foretold = [], [], {}, [], {}
+    parts, found, known, seen_otherwise, forecast_runs = [], [], {}, [], {}
     for name, tree in runs.items():
         data = data_of(tree)
         if first is None:
@@ -91,7 +91,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         parts.append(figures_of_run(tree))
         found.append(evidence_of_run(tree))
         known[name] = provenance(tree)
-        foretold[name] = group_of(tree, "hindcasts")
+        forecast_runs[name] = group_of(tree, "hindcasts")
     coordinates = list(dict.fromkeys(name for part in parts for name in part["state_dim"].values.tolist()))
     aligned = [part.reindex(state_dim=coordinates) for part in parts]
     figures = xr.concat(aligned, dim="run", join="exact").assign_coords(run=list(runs))
@@ -104,7 +104,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         "winner_by_state_dim": each,
         "variance": variance_against_time(figures),
         "evidence": evidences(found, figures),
-        "forecasts": forecasts_of_runs(foretold),
+        "forecasts": forecasts_of_runs(forecast_runs),
     }
     result = xr.DataTree.from_dict(groups)
     result.attrs = {

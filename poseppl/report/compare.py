@@ -36,8 +36,8 @@ from poseppl.report.chart import (
 )
 from poseppl.report.compare_tables import (
     coordinates_table,
+    forecast_runs,
     forecasts_table,
-    foretold,
     runs_table,
     settings_table,
     shown_runs,
@@ -89,7 +89,7 @@ def comparison_html(tree: xr.DataTree) -> str:
         by_coordinate=coordinates_table(tree),
         forecasts_shown=forecasts_table(tree),
         num_sites=group_of(tree, "forecasts").sizes.get("site", 0),
-        num_shown=len(list(foretold(tree))),
+        num_shown=len(list(forecast_runs(tree))),
         settings=settings_table(tree),
     )
 
@@ -256,7 +256,7 @@ def _progress(tree: xr.DataTree) -> go.Figure | None:
 def forecast_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
     """The score over the frames ahead, with bars of two standard errors, by data site."""
     made = {}
-    for site, runs in foretold(tree):
+    for site, runs in forecast_runs(tree):
         traces = []
         for run, at in runs:
             ends = bars(2 * at["crps_error"].values, color=run.color)

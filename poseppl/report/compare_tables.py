@@ -76,7 +76,7 @@ def coordinates_table(tree: xr.DataTree) -> list[Row]:
     return rows
 
 
-def foretold(tree: xr.DataTree) -> Iterator[tuple[str, list[tuple[ShownRun, xr.Dataset]]]]:
+def forecast_runs(tree: xr.DataTree) -> Iterator[tuple[str, list[tuple[ShownRun, xr.Dataset]]]]:
     """For each data site of forecasts, the runs that predicted it and their scores by lead; not too many sites."""
     data = group_of(tree, "forecasts")
     for site in data["site"].values[:MAX_SITES].tolist() if data else ():
@@ -86,7 +86,7 @@ def foretold(tree: xr.DataTree) -> Iterator[tuple[str, list[tuple[ShownRun, xr.D
 def forecasts_table(tree: xr.DataTree) -> list[Row]:
     """Score and coverage of each site and run at some leads, and coverage at all of them."""
     rows = []
-    for site, runs in foretold(tree):
+    for site, runs in forecast_runs(tree):
         for lead in evenly(runs[0][1].sizes["lead"], MAX_LEADS):
             for run, scores in runs:
                 at = scores.isel(lead=lead)

@@ -68,8 +68,8 @@ def test_hindcasts_are_scored_by_the_frames_that_they_foretell():
     data = np.arange(frames, dtype=float)
     data[7] = np.nan
     noise = 1e-3 * np.random.default_rng(0).normal(size=(1, 50, starts, 2))
-    foretold = np.arange(starts)[:, None] + np.array([1.0, 3.0]) + noise
-    predicted = xr.Dataset({"y": (("chain", "draw", "start", "lead"), foretold)}, {"start": range(starts), "lead": [1, 2]})
+    forecast_runs = np.arange(starts)[:, None] + np.array([1.0, 3.0]) + noise
+    predicted = xr.Dataset({"y": (("chain", "draw", "start", "lead"), forecast_runs)}, {"start": range(starts), "lead": [1, 2]})
     result = xr.DataTree.from_dict({"observed_data": xr.Dataset({"y": ("frame", data)})})
     score = score_hindcasts(predicted, result)["y"]
     np.testing.assert_allclose(score.crps, [0.0, 1.0], atol=2e-3)
@@ -103,12 +103,12 @@ def test_right_forecasts_are_let_be(frames, horizon):
     starts = frames - horizon
     walks = rng.standard_normal((frames, runs)).cumsum(0)
     moves = rng.standard_normal((99, starts, horizon, 1)).cumsum(2)
-    foretold = {step: walks[:starts, None] + step * moves for step in (1.0, 0.3)}
+    forecast_runs = {step: walks[:starts, None] + step * moves for step in (1.0, 0.3)}
 
     def warned(step):
         found = 0
         for run in range(runs):
-            draws = foretold[step][None, ..., run]
+            draws = forecast_runs[step][None, ..., run]
             predicted = xr.Dataset(
                 {"y": (("chain", "draw", "start", "lead"), draws)}, {"start": range(starts), "lead": range(1, horizon + 1)}
             )
