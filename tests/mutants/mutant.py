@@ -20,6 +20,7 @@ import ast
 import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -154,7 +155,7 @@ def _places(mutant: Mutant, path: Path) -> list[tuple[Path, str, int, int]]:
     offsets = _line_starts(source)
     spans = {
         (_offset(source, offsets, node.lineno, node.col_offset), _offset(source, offsets, node.end_lineno, node.end_col_offset))
-        for scope_name, scope in _scopes(ast.parse(source))
+        for scope_name, scope in _scopes(source)
         if scope_name == mutant.function
         for node in _parts_of(scope)
         if node.end_lineno is not None and node.end_col_offset is not None
@@ -162,17 +163,21 @@ def _places(mutant: Mutant, path: Path) -> list[tuple[Path, str, int, int]]:
     return [(path, source, start, end) for start, end in sorted(spans) if _squeezed(source[start:end]) == wanted]
 
 
-def _scopes(tree: ast.Module) -> Iterator[tuple[str, _Scope]]:
+@cache
+def _scopes(source: str) -> list[tuple[str, _Scope]]:
     """The module, and all functions and classes by qualified name."""
+    tree = ast.parse(source)
     waiting: list[tuple[tuple[str, ...], ast.AST]] = [((), tree)]
-    yield "", tree
+    found: list[tuple[str, _Scope]] = [("", tree)]
     while waiting:
         names, node = waiting.pop()
         for child in ast.iter_child_nodes(node):
-            own = (*names, child.name) if isinstance(child, ast.FunctionDef | ast.ClassDef) else names
             if isinstance(child, ast.FunctionDef | ast.ClassDef):
-                yield ".".join(own), child
-            waiting.append((own, child))
+                found.append((".".join((*names, child.name)), child))
+                waiting.append(((*names, child.name), child))
+            elif not isinstance(child, ast.expr):
+                waiting.append((names, child))
+    return found
 
 
 def _parts_of(scope: _Scope) -> Iterator[ast.stmt | ast.expr | ast.arg | ast.keyword]:

@@ -46,7 +46,6 @@ def test_there_are_enough_in_every_package() -> None:
     assert any(mutant.module.startswith("poseppl_models.") for mutant in MUTANTS)
 
 
-@pytest.mark.full
 def test_the_named_tests_exist() -> None:
     for mutant in MUTANTS:
         for test in mutant.tests:
@@ -54,11 +53,10 @@ def test_the_named_tests_exist() -> None:
             assert name.partition("[")[0] in functions_of(path), f"{mutant.name}: {test}"
 
 
-@pytest.mark.full
 def test_every_mutant_applies() -> None:
     for mutant in MUTANTS:
         path, changed = mutated(mutant, ROOT)
-        assert ast.dump(ast.parse(changed)) != ast.dump(ast.parse(path.read_text())), mutant.name
+        assert changed.split() != path.read_text().split(), mutant.name
 
 
 def test_an_expression_is_found_by_its_text_alone(folder: Path) -> None:
