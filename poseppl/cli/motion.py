@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from poseppl.cli.checks import BUILDER, RATE, InputFile, check_inputs, files_of_recording
 from poseppl.cli.options import common_options, seed_option
@@ -22,6 +23,8 @@ Examples:
       A skeleton that is called otherwise stands after a comma.
   poseppl fit-motion walk 07_01.amc 16_15.amc 08_01.amc --model poseppl_models.bodies.choo_fleet:full_body
       For people in videos, whose body has these coordinates.
+  poseppl fit-motion walk 16_15.amc --kind factored --rate 30
+      One recorded walk as tables of phases and bins, for a video of 30 frames a second.
 
 \b
 Files written:
@@ -48,6 +51,14 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     type=RATE,
     help="Frames a second of the model; every n-th frame of a recording is used. [default: the highest that all can have]",
 )
+@click.option(
+    "--kind",
+    type=click.Choice(["components", "factored"]),
+    default="components",
+    show_default=True,
+    help="What is learned: principal components with a hidden Markov model of them (Darby 2008), or of one straight walk the "
+    "phases and, for each rotation, tables of 3-degree bins (Peursum 2010).",
+)
 @click.option("--components", metavar="N", type=click.IntRange(1), default=4, show_default=True, help="Principal components.")
 @click.option(
     "--states", metavar="N", type=click.IntRange(1), default=30, show_default=True, help="States of the Markov model."
@@ -56,6 +67,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     "--rounds", metavar="N", type=click.IntRange(1), default=50, show_default=True, help="Rounds of Baum-Welch, at most."
 )
 @click.option("--free", metavar="JOINT", multiple=True, help="Joints that are not learned. [default: the root, neck and head]")
+@click.option("--phases", metavar="N", type=click.IntRange(2), default=8, show_default=True, help="Phases of --kind factored.")
 @seed_option("Seed of the first parameters of training.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(), help="Picture of the states.")
 @common_options
@@ -63,19 +75,27 @@ def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
     """Learn an activity: principal components of joint angles, and a hidden Markov model of them.
 
     Each FILE is a recording of the activity as poseppl track takes it. Recordings with one skeleton are of one person, whose
-    mean pose is subtracted; a recording without a skeleton is of a person of its own.
+    mean pose is subtracted; a recording without a skeleton is of a person of its own. --kind factored takes one FILE, of a
+    person who walks straight on for at least two periods.
     """
     from poseppl.cli.checks import check_writable
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
 
     check_inputs()
+    _check_kind(files, options["kind"])
     target = Path(name if name.endswith(".nc") else f"{name}.nc")
     picture = None if options["plot"] is None else Path(options["plot"])
     check_writable([target, *([picture] if picture else [])], [part for word in files for part in word.split(",")])
     if picture and options["components"] < 2:
         raise InputError("a single component makes no picture", field="--plot", expected="--components of 2 or more")
 
-    from poseppl.motion.learned import TrainingSettings, train_motion_model, write_motion_model
+    from poseppl.motion.learned import (
+        TrainingSettings,
+        learn_factored_motion,
+        train_motion_model,
+        write_factored_motion,
+        write_motion_model,
+    )
 
     settings = TrainingSettings(
         options["components"], options["states"], options["rounds"], options["seed"], options["free"] or None
@@ -84,6 +104,12 @@ def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
     start_jax()
     with progress.running():
         recordings = _pose(files, options["model"], options["rate"], progress)
+    if options["kind"] == "factored":
+        walk = learn_factored_motion(recordings[0], options["model"], num_phases=options["phases"])
+        write_factored_motion(walk, target)
+        if not options["quiet"]:
+            print_table("poseppl fit-motion", [*_summary_of_walk(walk), ("model", str(target))])
+        return
     training = ConsoleProgress(options["quiet"], doing="training", unit="rounds at most")
     with training.running():
         training.stage("training", settings.num_rounds)
@@ -95,6 +121,32 @@ def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
         print_table(
             "poseppl fit-motion", [*_summary(model), ("model", str(target)), *([("plot", str(picture))] if picture else [])]
         )
+
+
+def _check_kind(files: tuple[str, ...], kind: str) -> None:
+    """Refuse what a kind of motion does not take.
+
+    Raises:
+        click.UsageError: Options of the other kind.
+        InputError: Several recordings of a single walk.
+    """
+    other = {"factored": ("components", "states", "rounds", "free", "plot", "seed"), "components": ("phases",)}[kind]
+    context = click.get_current_context()
+    given = [name for name in other if context.get_parameter_source(name) == ParameterSource.COMMANDLINE]
+    if given:
+        raise click.UsageError(f"--{given[0]} does not go with --kind {kind}")
+    if kind == "factored" and len(files) > 1:
+        raise InputError(f"{len(files)} recordings", field="FILE", expected="one walk for --kind factored")
+
+
+def _summary_of_walk(walk: Any) -> list[tuple[str, str]]:
+    speed = float(walk.tables.first_phase @ walk.tables.velocities[:, 0])
+    return [
+        ("frames", f"{walk.provenance['frames']} at {walk.rate:g} Hz"),
+        ("fit of the body", f"{walk.provenance['residual mm']:.1f} mm"),
+        ("phases", str(len(walk.tables.first_phase))),
+        ("speed", f"{speed / 1000:.2f} m/s"),
+    ]
 
 
 def _pose(files: tuple[str, ...], model: str, rate: float | None, progress: Any) -> list[Any]:

@@ -61,6 +61,12 @@ class SmoothCommand(CommandWithSettings):
     help="Builder of the tracked body: package.module:builder or FILE.py:builder. Needed for a body that is not installed, "
     "because RESULT never chooses which code runs. [default: the installed body that RESULT names]",
 )
+@click.option(
+    "--prior",
+    metavar="FILE.nc",
+    type=InputFile(),
+    help="The learned motion that RESULT was tracked with, which RESULT does not contain.",
+)
 @seed_option("Seed of the smoother.")
 @max_draws_option
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="File or folder of the result. [default: NAME-METHOD.nc, here]")
@@ -80,7 +86,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     check_algorithm("smoother", method, settings)
     check_inputs()
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
-    check_writable([target, target.with_suffix(".png")], [result])
+    check_writable([target, target.with_suffix(".png")], [result, *filter(None, [options["prior"]])])
 
     from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result
     from poseppl.runs.algorithms import SMOOTHERS
@@ -93,7 +99,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     with contents_of(result), progress.running():
         progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
         smoothed = smooth_result(
-            tree, SmoothSettings(method, settings, **chosen(options, "seed", "max_draws", "model", "errors"))
+            tree, SmoothSettings(method, settings, **chosen(options, "seed", "max_draws", "model", "errors", "prior"))
         )
         progress.stage("drawing")
         files = write_outputs(smoothed, target, progress.note)

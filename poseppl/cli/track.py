@@ -14,6 +14,7 @@ from poseppl.cli.settings import ManyFiles, check_algorithm, settings_option
 from poseppl.cli.track_dispatch import dispatched
 from poseppl.cli.track_live import track_live
 from poseppl.cli.track_run import Wanted, goes_straight, track_points, track_source
+from poseppl.errors import FilePath
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.recordings.settings import ObservationSettings, RecordingSettings
@@ -312,8 +313,6 @@ def videos(**given: Any) -> None:
 
 def _track(source: Any, given: Mapping[str, Any]) -> None:
     """Track a source by the options of its command."""
-    if given["smooth"] and given["prior"]:
-        raise click.UsageError("--smooth does not go with --prior")
     if given["resume"] and given["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if given["smooth"] not in (None, "none"):
@@ -339,7 +338,15 @@ def _settings(source: Any, given: Mapping[str, Any], usual: str) -> tuple[TrackS
     )
     settings = replace(made(TrackSettings, {**given, **chosen}), options=words)
     if not goes_straight(source, settings, wanted):
-        settings = replace(settings, filter=settings.filter or ("switching" if settings.prior else usual))
+        settings = replace(settings, filter=settings.filter or (_of_prior(settings.prior) if settings.prior else usual))
         check_algorithm("filter", str(settings.filter), settings.options)
     check_inputs()
     return settings, wanted
+
+
+def _of_prior(path: FilePath) -> str:
+    """The usual filter of a learned motion."""
+    from poseppl.motion.learned import read_learned_motion
+    from poseppl.motion.tracking.learned_prior import filter_of
+
+    return filter_of(read_learned_motion(path))

@@ -221,7 +221,8 @@ class TrackSettings(Settings):
     Attributes:
         model: Name of the body's builder, for the record; that of the default body if None.
         filter: Filter; poseppl filters lists them. Default: kalman for markers, assumed-density for keypoints and
-            videos, switching with a prior. Recorded keypoints of several cameras need none on the command line.
+            videos; with a prior switching, or particle for one walk. Recorded keypoints of several cameras need none on
+            the command line.
         options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
         sigma_position: Random walk of translations: standard deviation of one second's motion, mm. A step of h seconds has
             sqrt(h) times as much. Default: the body's, 82.
@@ -232,8 +233,9 @@ class TrackSettings(Settings):
             fixed.
         markers: Positions of the markers on the body: "fixed", the body's, or "learned" from the whole recording by maximum
             likelihood, for points in two or more cameras.
-        prior: File of a learned activity, as poseppl fit-motion writes it, in place of the random walk. Except for
-            videos, its body is used unless another one is given. Frames with other motion are reported. Default: none.
+        prior: File of a learned motion, as poseppl fit-motion writes it, in place of the random walk. Except for
+            videos, its body is used unless another one is given. Frames with other motion than a learned activity are
+            reported. Default: none.
         other_motion: Whether, with a prior, the motion may be another one, too; the filter activity-guided needs false.
         seed: Seed of the filter, and of the noise of simulated cameras.
         max_draws: Draws stored of each chain, or of all particles; moments use all of them. Default: as many as fit

@@ -21,7 +21,7 @@ from poseppl.errors import Phrase
 from poseppl.motion.io import VideoWarning, read_cameras
 from poseppl.motion.keypoints.scene import scene_of_keypoints
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings, PersonSettings, smoothed_at_once
-from poseppl.motion.learned import read_motion_model
+from poseppl.motion.learned import read_learned_motion
 from poseppl.motion.recordings.settings import ObservationSettings, RecordingSettings
 from poseppl.motion.recordings.subjects import cameras_of, subject_of
 from poseppl.motion.settings import TrackSettings
@@ -33,7 +33,7 @@ from poseppl.motion.silhouettes.video_sources import (
     read_video_scene,
 )
 from poseppl.motion.tracking.default_body import DEFAULT_MODEL
-from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
+from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE, filter_of
 from poseppl.motion.tracking.observations import observe_motion, scene_of_observations
 from poseppl.motion.tracking.recorded_model import installed_builder
 from poseppl.motion.tracking.scene import Scene
@@ -60,10 +60,10 @@ def with_body(source: Source, settings: TrackSettings) -> tuple[Any, TrackSettin
         usual = OF_SILHOUETTES
         changed = {} if settings.prior is None else {"silhouette_noise": source.silhouette_noise or SILHOUETTE_NOISE}
     if settings.prior is not None:
-        known = read_motion_model(settings.prior).body
+        known = read_learned_motion(settings.prior)
         if source.model is None and not isinstance(source, VideoSettings):
-            installed_builder(usual := known)
-        settings = replace(settings, filter=settings.filter or "switching")
+            installed_builder(usual := known.body)
+        settings = replace(settings, filter=settings.filter or filter_of(known))
     model = source.model or usual
     return replace(source, model=model, **changed), replace(settings, model=model)
 

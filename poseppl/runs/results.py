@@ -24,7 +24,7 @@ group                        variables
 ``filter_history``           of a filter's result what smoothers start from: ``state`` (frame, particle, state_dim),
                              ``log_weight`` and ``ancestor`` (frame, particle) of weighted particles, the index of the one
                              before that each descends from; or ``mean`` (frame, state_dim) and ``covariance`` (frame,
-                             state_dim, other_state_dim)
+                             state_dim, other_state_dim); ``filter_state_dim`` where the result's state is another
 ``hindcasts``                added by :func:`poseppl.diagnostics.add_hindcasts`
 ``posterior_checks``         added by :func:`poseppl.runs.posterior_checks.check_posterior`
 ``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
@@ -158,6 +158,8 @@ def _of_algorithms(
         groups["predictive"] = _predictive(predictive, known)
     if history:
         parts = {name: (HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
+        if "state" in parts and parts["state"][1].shape[-1] != known.sizes.get("state_dim"):
+            parts["state"] = (("frame", "particle", "filter_state_dim"), parts["state"][1])
         groups[HISTORY] = checked(parts, known)
     return groups
 

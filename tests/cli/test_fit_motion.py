@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from poseppl.cli import main
-from poseppl.motion.learned import read_motion_model
+from poseppl.motion.learned import read_factored_motion, read_motion_model
 
 pytestmark = pytest.mark.usefixtures("in_own_folder")
 SMALL = ["--states", "5", "--components", "3", "--rounds", "3"]
@@ -34,6 +34,21 @@ def test_recordings_of_two_people_and_rates(capsys: pytest.CaptureFixture[str], 
     assert model.rate == 20.0 and model.provenance["frames"] == [77, 63] and len(model.means) == 5
     assert model.provenance["files"] == [walk, march] and model.body == "poseppl_models.darby.marker_body:full_body"
     assert Path("both.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.full
+def test_a_single_walk_as_tables(capsys: pytest.CaptureFixture[str], data_dir: Path) -> None:
+    walk = str(data_dir / "cmu_walks" / "16_15.amc")
+    assert main(["fit-motion", "walk", walk, "--kind", "factored", "--rate", "30", "--phases", "6"]) == 0
+    assert "1.09 m/s" in capsys.readouterr().out
+    motion = read_factored_motion("walk.nc")
+    assert motion.rate == 30.0 and motion.tables.phases.shape == (6, 6) and len(motion.coordinates) == 31
+    assert motion.provenance["file"] == walk and motion.body == "poseppl_models.darby.marker_body:full_body"
+    refused(capsys, ["fit-motion", "two", walk, walk, "--kind", "factored"], "2 recordings", "one walk")
+    for option in (["--states", "3"], ["--plot", "a.png"]):
+        assert main(["fit-motion", "walk", walk, "--kind", "factored", *option]) == 2
+        assert f"{option[0]} does not go with --kind factored" in capsys.readouterr().err
+    assert main(["fit-motion", "walk", walk, "--phases", "3"]) == 2
 
 
 @pytest.mark.full

@@ -11,7 +11,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.peursum.factored_system import factored_motion, first_frame, next_frame, pose_of_bins, turned
+from poseppl_models.bodies.factored_motion import NextBins, factored_motion, first_frame, next_frame, pose_of_bins, turned
 
 from poseppl.filters import hidden_markov_filter, particle_filter
 from poseppl.motion.learned import FactoredTables, bin_angles
@@ -134,6 +134,37 @@ def test_a_rotation_that_ends_starts_again():
     assert abs(enumerated(tables, SEEN)[0] - enumerated(uniform, SEEN)[0]) > 0.01
     np.testing.assert_allclose(tables.successors(jnp.array(0), jnp.array([1, 0]))[0], tables.entries[0, 0])
     np.testing.assert_allclose(tables.successors(jnp.array(0), jnp.array([1, 0]))[1], tables.steps[0, 1, 0])
+
+
+@pytest.mark.parametrize(("phase", "bins"), [(0, (1, 0)), (1, (2, 2)), (1, (0, 1))])
+def test_next_bins_are_drawn_with_the_probabilities_of_whole_rows(phase, bins):
+    """Both where a rotation ends and where it goes on; a bin without probability is never drawn."""
+    tables = tiny()
+    tables = tables._replace(steps=tables.steps.at[1, 1, 1].set(jnp.array([0.25, 0.0, 0.75])))
+    found = NextBins(tables, jnp.array(phase), jnp.array(bins))
+    rows = np.asarray(tables.successors(jnp.array(phase), jnp.array(bins)), np.float64)
+    values = np.array(list(itertools.product(range(BINS), repeat=ROTATIONS)))
+    with np.errstate(divide="ignore"):
+        expected = np.log(np.stack([rows[0, values[:, 0]], rows[1, values[:, 1]]], 1))
+    np.testing.assert_allclose(found.log_prob(jnp.asarray(values)), expected, rtol=1e-5)
+    drawn, count = np.asarray(found.sample(jax.random.key(1), (20_000,))), 20_000
+    shares = np.stack([np.bincount(column, minlength=BINS) / count for column in drawn.T])
+    np.testing.assert_allclose(shares, rows, atol=5 * np.sqrt(0.25 / count))
+    assert (shares[rows == 0] == 0).all()
+
+
+def test_a_known_start_is_weighed_with_what_was_recorded():
+    """Bayes' rule over all phases and bins, the angle of a bin being uniform within it."""
+    tables, angles, scale = tiny(), np.array([1.8, -0.4]), np.array([0.7, 1.1])
+    found = tables.starting_from(jnp.asarray(angles), jnp.asarray(scale))
+    apart = (np.asarray(bin_angles(np.arange(BINS), BINS)) - angles[:, None] + np.pi) % (2 * np.pi) - np.pi
+    near = np.exp(-0.5 * apart**2 / (scale[:, None] ** 2 + (2 * np.pi / BINS) ** 2 / 12))
+    joint = np.asarray(tables.first_bins, np.float64) * near
+    phase = np.asarray(tables.first_phase, np.float64) * joint.sum(-1).prod(-1)
+    np.testing.assert_allclose(found.first_phase, phase / phase.sum(), rtol=1e-4)
+    np.testing.assert_allclose(found.first_bins, joint / joint.sum(-1, keepdims=True), rtol=1e-4, atol=1e-6)
+    far = tables._replace(first_bins=jnp.zeros_like(tables.first_bins).at[..., 0].set(1.0))
+    assert np.isfinite(far.starting_from(jnp.full(2, 3.0), jnp.full(2, 1e-4)).first_phase).all()
 
 
 def test_a_body_goes_where_it_faces_or_stays():

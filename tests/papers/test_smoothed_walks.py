@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pytest
-from poseppl_models.peursum.factored_system import factored_motion
+from poseppl_models.bodies.factored_motion import factored_motion
 from poseppl_papers.peursum.claims import walk_claims
 from poseppl_papers.peursum.factored_draws import Particles, RootWalk, log_transition_matrix, reweigh
 from poseppl_papers.peursum.factored_evidence import log_tables

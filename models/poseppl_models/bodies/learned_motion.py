@@ -184,7 +184,7 @@ class Activity(NamedTuple):
         return self.centre + self.components @ features
 
 
-Pose = Callable[[Mapping[str, Any], Activity], Array]
+Pose = Callable[[Mapping[str, Any], Any], Array]
 """From the sites of a state, and the activity, to the pose (d,)."""
 
 
@@ -251,14 +251,14 @@ class SeenActivity(NamedTuple):
     Attributes:
         program: The programs; inputs are those of a body, its ``activity`` among them.
         pose: From the sites of a state, and the activity, to the pose (d,).
-        follows: From the same to whether it is of the activity, 1, or of other motion, 0.
+        follows: From the same to whether it is of the activity, 1, or of other motion, 0; None if there is no other.
         activity: The activity, with its given start.
     """
 
     program: StateSpaceModel
     pose: Pose
-    follows: Pose
-    activity: Activity
+    follows: Pose | None
+    activity: Any
 
 
 _with_other_motion = jit(Activity.with_other_motion)
@@ -290,8 +290,8 @@ def seen_activity(
     activity = Activity.of_model(model, every=every)
     if walk_scale is not None:
         activity = _with_other_motion(activity, walk_scale, every / model.rate)
-    observe = see_silhouettes if silhouettes else see_points
-    return SeenActivity(*_seen(coordinates, learned, observe), activity.starting_from(*own))
+    program, pose, follows = _seen(coordinates, learned, see_silhouettes if silhouettes else see_points)
+    return SeenActivity(program, pose, None if walk_scale is None else follows, activity.starting_from(*own))
 
 
 @lru_cache(maxsize=8)

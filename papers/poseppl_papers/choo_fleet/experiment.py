@@ -144,5 +144,5 @@ EXPERIMENT = Experiment(
         "tuning.png": "Tuning (section 7.5)",
         "contest.png": "The contest",
     },
-    shown=("speed_ups", "volumes", "references", "sequence_summary", "contest", "contest_sequences"),
+    shown=("speed_ups", "volumes", "references", "reference_check", "sequence_summary", "contest", "contest_sequences"),
 )

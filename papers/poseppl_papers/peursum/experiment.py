@@ -63,7 +63,7 @@ same pictures. Pixels of furniture count neither for nor against a pose there, e
 the filters alone run there. Smoothers of generic motions run on circles alone.
 - The training of the FS-HHMM is derived (poseppl.motion.learned.factored_tables), as are the updates of the \
 variational smoother. Eq. 26 takes the phase that moves the rotation; Eq. 7h is a position that stays or follows the \
-heading; both by poseppl_models.peursum.factored_system. Position and heading move by velocities (mm/s) and by scales of \
+heading; both by poseppl_models.bodies.factored_motion. Position and heading move by velocities (mm/s) and by scales of \
 the video's frame rate; phases and rotations move by one row of the 50 Hz tables a frame, whatever the rate. The first \
 pose of the FSHHMM-PF is found by 20,000 particles on the first frame.
 - Before one camera the walks are recorded ones of six CMU people, each animated by the walk that its motion is learned \

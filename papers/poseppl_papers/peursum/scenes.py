@@ -13,7 +13,7 @@ from poseppl.errors import InputError
 from poseppl.files.cache_folder import cache_folder
 from poseppl.files.store import key_of
 from poseppl.motion.io import Motion, read_motion, resample
-from poseppl.motion.learned import pose_recording, train_factored_motion, write_factored_tables
+from poseppl.motion.learned import learn_factored_motion, pose_recording, write_factored_motion
 from poseppl.motion.learned.posed_recordings import Recording as Recorded
 from poseppl.motion.recordings.subjects import walking_subject
 from poseppl_papers.images.scenes import Scene
@@ -72,7 +72,7 @@ def _first(recordings: Sequence[Recording], count: int) -> Sequence[Recording]:
 BODY = "poseppl_models.peursum.marker_body:full_body"
 _SECONDS = 3.0
 """Length of the built-in walk."""
-VERSION = 2
+VERSION = 3
 """Counted up when training comes to mean another thing."""
 
 
@@ -99,6 +99,5 @@ def trained_file(recording: Recording, rate: float) -> str:
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
         posed = pose_recording(Recorded(motion_at(recording, rate), recording.name), BODY)
-        coordinates = [(joint, axis) for joint, _, axis in (name.rpartition(".") for name in posed.coordinates)]
-        write_factored_tables(train_factored_motion(posed.states, coordinates, posed.rate), file)
+        write_factored_motion(learn_factored_motion(posed, BODY), file)
     return str(file)

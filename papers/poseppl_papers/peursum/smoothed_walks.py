@@ -20,7 +20,7 @@ from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.jobs import Job
 from poseppl.jobs.job import later_field
-from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
+from poseppl.motion.learned import FactoredTables, read_factored_motion, root_places
 from poseppl.motion.learned.factored_tables import NUM_BINS
 from poseppl_papers.images.scenes import Scene
 from poseppl_papers.images.systems import Method, Problem, System, problem_of
@@ -154,7 +154,7 @@ def motion_of(problem: Problem, system: System) -> Motion:
     file = dict(system.settings).get("model")
     tables = diffusion_tables(jnp.asarray(np.delete(scales, places), float), NUM_BINS)
     if file is not None:
-        tables = read_factored_tables(file)
+        tables = read_factored_motion(file).tables
     seconds = 0.0 if inputs.seconds is None else inputs.seconds
     walk = RootWalk(jnp.asarray(scales[places], float), tables.velocities * seconds, jnp.asarray(tables.stays, float))
     return Motion(tables, log_tables(tables), walk, file is not None)

@@ -178,6 +178,7 @@ class BodyInputs(NamedTuple):
         errors: Those of points that last; None where each frame has its own.
         posture: Mean to which the walk reverts; None if all coordinates are random walks.
         velocities: Along which it goes; None where its steps are independent.
+        seconds: Since the frame before (), for a learned prior of velocities.
     """
 
     cameras: Cameras
@@ -192,6 +193,7 @@ class BodyInputs(NamedTuple):
     errors: Any = None
     posture: Posture | None = None
     velocities: Velocities | None = None
+    seconds: Any = None
 
 
 def load_builder(name: str) -> Callable[..., Any]:

@@ -1,16 +1,21 @@
 """Activities learned from recordings: principal components of angles with a hidden Markov model, and tables of bins.
 
 Trained once and kept in a file of its own; :mod:`poseppl_models.bodies.learned_motion` and
-:mod:`poseppl_models.peursum.factored_system` make programs of them.
+:mod:`poseppl_models.bodies.factored_motion` make programs of them.
 """
 
+from poseppl.motion.learned.factored_motion import (
+    FactoredMotion as FactoredMotion,
+    learn_factored_motion as learn_factored_motion,
+    read_factored_motion as read_factored_motion,
+    read_learned_motion as read_learned_motion,
+    write_factored_motion as write_factored_motion,
+)
 from poseppl.motion.learned.factored_tables import (
     FactoredTables as FactoredTables,
     bin_angles as bin_angles,
-    read_factored_tables as read_factored_tables,
     root_places as root_places,
     train_factored_motion as train_factored_motion,
-    write_factored_tables as write_factored_tables,
 )
 from poseppl.motion.learned.motion_model import (
     MotionModel as MotionModel,

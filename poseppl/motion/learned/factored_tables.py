@@ -1,6 +1,6 @@
-"""The tables of a factored-state hierarchical hidden Markov model: learned from one recorded walk, and their files.
+"""The tables of a factored-state hierarchical hidden Markov model: learned from one recorded walk.
 
-Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.3); :mod:`poseppl_models.peursum.factored_system`
+Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.3); :mod:`poseppl_models.bodies.factored_motion`
 makes programs of them, and tells what each means.
 
 Peursum, Venkatesh and West (2010, section 5.2) train on "a person taking four steps in a straight line", 50 frames a second,
@@ -24,23 +24,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jax import Array
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError
-from poseppl.files.netcdf import read_netcdf, write_netcdf
+from poseppl.errors import InputError
 from poseppl.motion.learned.angles import wrapped
 
 NUM_BINS = 120
 """Number of cells of a turn: 3 degrees each."""
 STAYS = 0.5
 """w, ours."""
-_LAYOUT = 2
-_EXPECTED = "tables of a factored motion"
-_MAX_BYTES = 2**28
+ROOT = ("tx", "ty", "tz", "Z")
+"""Axes of the root's position and heading."""
+_LEAST = 1e-6
+"""Probability that the first frame's bins share outside of what was recorded, so that any start is possible."""
 
 
 class FactoredTables(NamedTuple):
@@ -71,6 +71,15 @@ class FactoredTables(NamedTuple):
         ends = jnp.sum(rows, -1, keepdims=True) <= 0
         return jnp.where(ends, self.entries[phase], rows)
 
+    def starting_from(self, angles: Array, scale: Array) -> FactoredTables:
+        """The tables of somebody whose first rotations (D,) are known within standard deviations (D,), radians."""
+        bins = self.first_bins.shape[-1]
+        variance = jnp.square(scale) + (2 * jnp.pi / bins) ** 2 / 12  # of the angles within a bin
+        apart = jnp.angle(jnp.exp(1j * (bin_angles(jnp.arange(bins), bins) - angles[:, None])))
+        log_joint = jnp.log(self.first_bins + _LEAST / bins) - 0.5 * jnp.square(apart) / variance[:, None]
+        log_phase = jnp.log(self.first_phase) + jnp.sum(jax.nn.logsumexp(log_joint, -1), -1)
+        return self._replace(first_phase=jax.nn.softmax(log_phase), first_bins=jax.nn.softmax(log_joint))
+
 
 def bin_angles(bins: Any, num_bins: int = NUM_BINS) -> Array:
     """Middles of bins, radians from -pi to pi."""
@@ -86,60 +95,7 @@ def bins_of(angles: Any, num_bins: int = NUM_BINS) -> Any:
 def root_places(coordinates: Sequence[tuple[str, str]]) -> list[int]:
     """Indices of the root's x, y and z and of its turn about the vertical."""
     root = coordinates[0][0]
-    return [list(coordinates).index((root, axis)) for axis in ("tx", "ty", "tz", "Z")]
-
-
-def write_factored_tables(tables: FactoredTables, path: FilePath) -> None:
-    """Write tables, whole or not at all.
-
-    Raises:
-        InputError: The folder is missing or cannot be written.
-        PosepplError: The disk is full.
-    """
-    arrays = {name: (_DIMS[name], np.asarray(getattr(tables, name))) for name in tables._fields}
-    write_netcdf(xr.DataTree(xr.Dataset(arrays, attrs={"poseppl_factored_tables": _LAYOUT})), path)
-
-
-def read_factored_tables(path: FilePath) -> FactoredTables:
-    """Read tables and check that they are some.
-
-    Raises:
-        InputError: The file is missing, damaged, or holds no tables; the message names the field.
-    """
-    data = read_netcdf(path, expected=_EXPECTED, max_bytes=_MAX_BYTES).to_dataset()
-    if data.attrs.get("poseppl_factored_tables") != _LAYOUT:
-        raise InputError("it has no tables of this version", file=path, expected=_EXPECTED)
-    for name, dims in _DIMS.items():
-        if name not in data or data[name].dims != dims or not np.isfinite(data[name].values).all():
-            raise InputError("missing, not finite, or of other dimensions", file=path, field=name, expected=" x ".join(dims))
-        total = data[name].values.sum(-1) if dims else data[name].values
-        fine = name in ("velocities", "stays") or (
-            (data[name].values >= 0).all() and np.all(_ones(total) | (_zeros(total, name)))
-        )
-        if not fine:
-            raise InputError("no probabilities", file=path, field=name, expected="rows that sum to one")
-    tables = (jnp.asarray(data[name].values, float) for name in FactoredTables._fields)
-    return FactoredTables(*tables)
-
-
-_DIMS: dict[str, tuple[str, ...]] = {
-    "first_phase": ("phase",),
-    "first_bins": ("phase", "rotation", "bin"),
-    "phases": ("phase", "next_phase"),
-    "entries": ("phase", "rotation", "bin"),
-    "steps": ("phase", "rotation", "bin", "next_bin"),
-    "velocities": ("phase", "axis"),
-    "stays": (),
-}
-
-
-def _ones(total: Any) -> Any:
-    return np.abs(total - 1) < 1e-4
-
-
-def _zeros(total: Any, name: str) -> Any:
-    """Rows that know no successor."""
-    return (total == 0) & (name == "steps")
+    return [list(coordinates).index((root, axis)) for axis in ROOT]
 
 
 NUM_PHASES = 8
@@ -231,11 +187,16 @@ def _changes(phases: Integers, num_phases: int) -> Floats:
 
 
 def _strides(roots: Floats, phases: Integers, num_phases: int) -> Floats:
-    """Mean steps (M, 3) forwards, to the left and up, of roots (T, 4): x, y, z, turn."""
+    """Mean steps (M, 3) forwards, to the left and up, of roots (T, 4)."""
+    own = own_steps(roots)
+    return np.stack([own[phases[1:] == phase].mean(0) for phase in range(num_phases)])
+
+
+def own_steps(roots: Floats) -> Floats:
+    """Steps (T - 1, 3) forwards, to the left and up, of roots (T, 4): x, y, z, turn."""
     step, turn = np.diff(roots[:, :3], axis=0), roots[1:, 3]
     sine, cosine = np.sin(turn), np.cos(turn)
-    own = np.stack([-sine * step[:, 0] + cosine * step[:, 1], -cosine * step[:, 0] - sine * step[:, 1], step[:, 2]], 1)
-    return np.stack([own[phases[1:] == phase].mean(0) for phase in range(num_phases)])
+    return np.stack([-sine * step[:, 0] + cosine * step[:, 1], -cosine * step[:, 0] - sine * step[:, 1], step[:, 2]], 1)
 
 
 def _normal(offset: Floats, scale: float) -> Floats:

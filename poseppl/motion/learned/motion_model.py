@@ -128,7 +128,7 @@ class MotionModel(NamedTuple):
 
 LAYOUT = 1
 _EXPECTED = "a file of poseppl fit-motion"
-_MAX_BYTES = 2**28
+MAX_BYTES = 2**28
 _DIMS: Mapping[str, tuple[str, ...]] = {
     "learned": ("angle",),
     "person_means": ("person", "angle"),
@@ -173,7 +173,7 @@ def read_motion_model(path: FilePath) -> MotionModel:
     Raises:
         InputError: The file is missing, damaged, of another layout, or no model; the message names the field.
     """
-    data = read_netcdf(path, expected=_EXPECTED, max_bytes=_MAX_BYTES).to_dataset()
+    data = read_netcdf(path, expected=_EXPECTED, max_bytes=MAX_BYTES).to_dataset()
     layout = data.attrs.get("poseppl_motion_model")
     if layout != LAYOUT:
         problem = "it is no learned motion" if layout is None else f"it is of layout {layout}"

@@ -211,17 +211,6 @@ def with_frames(problem: Problem, data: SceneData, count: int) -> Problem:
     return problem._replace(observations=data.observe(problem.model), inputs=inputs)
 
 
-def refuse_learned_prior(tree: xr.DataTree) -> None:
-    """A result does not contain the learned prior that it was tracked with.
-
-    Raises:
-        InputError: There was one.
-    """
-    if "prior" in provenance(tree):
-        message = "the result was tracked with a learned prior, which is not in it"
-        raise InputError(message, field=Argument("prior"), expected="a result that was tracked without one")
-
-
 def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneData | None = None) -> Problem:
     """Pose the problem of a tracking result again, from its provenance.
 
@@ -234,7 +223,14 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneDa
         InputError: The result does not come from `track`, or is of an older layout, or its model is not installed. Also if it
             was tracked with a learned prior, which is not in it.
     """
-    refuse_learned_prior(tree)
+    if "prior" in provenance(tree):
+        message = "the result was tracked with a learned prior, which is not in it"
+        raise InputError(message, field=Argument("prior"), expected=Phrase(Argument("prior", "FILE"), ", the prior's file"))
+    return walk_of_result(tree, model, data)
+
+
+def walk_of_result(tree: xr.DataTree, model: str | None = None, data: SceneData | None = None) -> Problem:
+    """The same of a body that walks at random, whatever prior the result was tracked with."""
     inputs, calibration = arrays_of(tree, "inputs"), arrays_of(tree, "camera")
     if "step_scale" not in inputs or not calibration:
         raise InputError("the result does not contain its inputs", expected="a result of poseppl track of this version")
@@ -242,18 +238,23 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneDa
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     posture = Posture(*(inputs[f"posture_{part}"] for part in Posture._fields)) if "posture_mean" in inputs else None
     walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params), posture)
-    seen = _points_of_result(tree, inputs["noise"]) if data is None else data
+    seen = points_of_result(tree) if data is None else data
     return _problem(body, params, seen, walk, inputs.get("states"))
 
 
-def _points_of_result(tree: xr.DataTree, noise: Any) -> PointData:
+def points_of_result(tree: xr.DataTree) -> PointData:
+    """The points that a result was tracked by.
+
+    Raises:
+        InputError: It has none.
+    """
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():
         raise InputError(
             "the result has no points: it comes from silhouettes, and does not contain their pictures",
             expected=Phrase("a result of points; or track it with ", Argument("smooth", "METHOD")),
         )
-    return PointData(points, noise)
+    return PointData(points, arrays_of(tree, "inputs")["noise"])
 
 
 def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str, float]) -> Floats:

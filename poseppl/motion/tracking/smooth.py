@@ -11,14 +11,15 @@ import xarray as xr
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics import diagnose
-from poseppl.errors import Argument, InputError, brief
+from poseppl.errors import Argument, FilePath, InputError, Phrase, brief
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import ar1_inputs, filtered_poses, lasting_of, with_ar1_noise, with_no_errors
+from poseppl.motion.tracking.learned_prior import prior_of_result
 from poseppl.motion.tracking.marginal_smoothing import NUM_DRAWS, smooth_marginally
-from poseppl.motion.tracking.problem import Problem, problem_of_result, refuse_learned_prior
+from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import Tracked, affordable_draws, versions
@@ -42,6 +43,7 @@ class SmoothSettings(NamedTuple):
         model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
         errors: "independent" ones of the points from frame to frame, as the filter has them, or "lasting" ones, as detectors of
             keypoints have them; see :mod:`poseppl.motion.tracking.lasting_errors`.
+        prior: File of the learned prior that a result was tracked with, where only the result is given: it is not in it.
     """
 
     method: str = "trajectory"
@@ -50,6 +52,7 @@ class SmoothSettings(NamedTuple):
     max_draws: int | None = None
     model: str | None = None
     errors: Literal["independent", "lasting"] = "independent"
+    prior: FilePath | None = None
 
 
 def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
@@ -79,9 +82,10 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     if settings.errors not in ("independent", "lasting"):
         raise InputError(brief(settings.errors), field=Argument("errors"), expected="independent or lasting")
-    refuse_learned_prior(tree)
-    problem = tracked.problem if isinstance(tracked, Tracked) else problem_of_result(tree, settings.model)
+    problem = tracked.problem if isinstance(tracked, Tracked) else _problem_of_result(tree, settings)
     lasting = settings.errors == "lasting"
+    if "prior" in known:
+        _check_prior(tree, lasting)
     if lasting and problem.num_cameras < 2:
         raise InputError(
             "one camera cannot distinguish autocorrelated errors from a person's distance",
@@ -115,6 +119,21 @@ def smooth(tracked: Tracked | xr.DataTree, settings: SmoothSettings | None = Non
         return diagnose(result)
     checked = check_posterior(result, problem.model, jax.random.fold_in(key, 1), problem.inputs, data=problem.observations)
     return with_statures(diagnose(checked), problem.model)
+
+
+def _problem_of_result(tree: xr.DataTree, settings: SmoothSettings) -> Problem:
+    if settings.prior is not None:
+        return prior_of_result(tree, settings.prior, settings.model)
+    return problem_of_result(tree, settings.model)
+
+
+def _check_prior(tree: xr.DataTree, lasting: bool) -> None:
+    """Refuse what a learned prior's results cannot be smoothed with: their states are other than the draws, which are poses."""
+    if lasting:
+        raise InputError("a learned prior has independent errors", field=Argument("errors"), expected="independent")
+    if "state" not in group_of(tree, HISTORY):
+        expected = Phrase("a result tracked with more ", Argument("history_mib"))
+        raise InputError("the result does not contain its particles, which a smoother starts from", expected=expected)
 
 
 def _smoothed_marginally(tree: xr.DataTree, problem: Problem, settings: SmoothSettings) -> xr.DataTree:

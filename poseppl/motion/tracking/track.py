@@ -23,7 +23,7 @@ from poseppl.motion.tracking.assumed_stature import with_statures
 from poseppl.motion.tracking.body_result import BodyNames, body_result
 from poseppl.motion.tracking.default_body import chosen_model
 from poseppl.motion.tracking.flesh_places import with_flesh
-from poseppl.motion.tracking.learned_prior import with_prior
+from poseppl.motion.tracking.learned_prior import digest_of, with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -109,7 +109,7 @@ def track(
             checkpoint=None if checkpoint is None else Checkpoint(checkpoint, tracking.described, resume=resume),
             on_failure=settings.on_failure,
             frame_numbers=scene.frames.tolist(),
-            history_mib=settings.history_mib if problem.pose is None else 0,
+            history_mib=settings.history_mib if problem.pose is None or settings.prior is not None else 0,
         )
     except RunError as error:
         if error.done is None:
@@ -172,7 +172,8 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         "settings": {**options, **params, "walk": settings.walk, "markers": settings.markers, "max_draws": max_draws},
         **scene.data.provenance,
         "prior": settings.prior,
-        "other motion": None if settings.prior is None else settings.other_motion,
+        "prior digest": None if settings.prior is None else digest_of(settings.prior),
+        "other motion": None if settings.prior is None else problem.follows is not None,
         "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),
     }

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.learned import bin_angles, read_factored_tables, train_factored_motion, write_factored_tables
+from poseppl.motion.learned import (
+    PosedRecording,
+    bin_angles,
+    learn_factored_motion,
+    read_factored_motion,
+    read_learned_motion,
+    train_factored_motion,
+    write_factored_motion,
+)
 from poseppl.motion.learned.factored_tables import bins_of, phases_of
 
 COORDINATES = [("root", "tx"), ("root", "ty"), ("root", "tz"), ("root", "Z"), ("hip", "X"), ("knee", "X")]
@@ -87,15 +95,56 @@ def test_who_walks_by_the_tables_stays_with_the_walk():
     assert np.degrees(np.sqrt(np.mean(apart**2))) < 12.0 and np.degrees(apart.max()) < 40.0
 
 
-@pytest.mark.full
-def test_a_file_gives_back_the_tables(tmp_path):
-    tables = trained(num_phases=3, num_bins=24)
-    write_factored_tables(tables, tmp_path / "walk.nc")
-    for one, other in zip(tables, read_factored_tables(tmp_path / "walk.nc"), strict=True):
+def recorded(**settings):
+    names = tuple(f"{joint}.{axis}" for joint, axis in COORDINATES)
+    return learn_factored_motion(PosedRecording(a_walk(), names, "root", RATE, "she", "walk.amc", 1.5), "a:body", **settings)
+
+
+def test_steps_of_the_root_are_about_the_stride():
+    """This body walks evenly: beside its stride nothing is left."""
+    np.testing.assert_allclose(recorded().step_scale, 1e-6, atol=2e-3)
+    names = tuple(f"{joint}.{axis}" for joint, axis in COORDINATES)
+    rng = np.random.default_rng(0)
+    shaken = a_walk(6.0)
+    shaken[:, :4] += np.cumsum(rng.normal(size=(len(shaken), 4)) * [3.0, 3.0, 2.0, 0.01], 0)
+    found = learn_factored_motion(PosedRecording(shaken, names, "root", RATE, "she", "walk.amc", 1.5), "a:body").step_scale
+    np.testing.assert_allclose(found, [3.0, 3.0, 2.0, 0.01], rtol=0.2)
+
+
+def test_a_file_gives_back_the_walk(tmp_path):
+    walk = recorded(num_phases=3)
+    write_factored_motion(walk, tmp_path / "walk.nc")
+    again = read_learned_motion(tmp_path / "walk.nc")
+    for one, other in zip(walk.tables, again.tables, strict=True):
         np.testing.assert_array_equal(one, other)
-    write_factored_tables(tables._replace(phases=2 * tables.phases), tmp_path / "wrong.nc")
-    with pytest.raises(InputError, match="phases"):
-        read_factored_tables(tmp_path / "wrong.nc")
+    np.testing.assert_array_equal(again.step_scale, walk.step_scale)
+    assert again._replace(tables=None, step_scale=None) == walk._replace(tables=None, step_scale=None)
     (tmp_path / "none.nc").write_bytes(b"no file of ours")
     with pytest.raises(InputError):
-        read_factored_tables(tmp_path / "none.nc")
+        read_factored_motion(tmp_path / "none.nc")
+
+
+@pytest.mark.parametrize(
+    ("words", "tables", "others"),
+    [
+        ("phases", {"phases": lambda rows: 2 * rows}, {}),
+        ("steps", {"steps": lambda rows: rows[..., :-1]}, {}),
+        ("stays", {"stays": lambda stays: 1.5}, {}),
+        ("step_scale", {}, {"step_scale": np.zeros(4)}),
+        ("5 coordinates", {}, {"coordinates": ("a", "b", "c", "d", "e")}),
+        ("frames a second", {}, {"rate": np.nan}),
+    ],
+)
+def test_a_file_with_other_contents_is_refused(tmp_path, words, tables, others):
+    walk = recorded(num_phases=3)
+    wrong = {name: change(getattr(walk.tables, name)) for name, change in tables.items()}
+    write_factored_motion(walk._replace(tables=walk.tables._replace(**wrong), **others), tmp_path / "wrong.nc")
+    with pytest.raises(InputError, match=words):
+        read_factored_motion(tmp_path / "wrong.nc")
+
+
+def test_a_body_without_a_heading_is_refused():
+    names = tuple(f"{joint}.{axis}" for joint, axis in COORDINATES if axis != "Z")
+    poses = np.delete(a_walk(), 3, axis=1)
+    with pytest.raises(InputError, match="vertical"):
+        learn_factored_motion(PosedRecording(poses, names, "root", RATE, "she", "walk.amc", 1.5), "a:body")

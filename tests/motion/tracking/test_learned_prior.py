@@ -11,7 +11,16 @@ from poseppl.cli import main
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.errors import InputError
 from poseppl.filters.suitability import compatible_filters
-from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
+from poseppl.motion.learned import (
+    TrainingSettings,
+    bin_angles,
+    learn_factored_motion,
+    pose_recording,
+    read_recording,
+    train_motion_model,
+    write_factored_motion,
+    write_motion_model,
+)
 from poseppl.motion.recordings.subjects import recorded_subject
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, track
 from poseppl.motion.tracking.learned_prior import with_prior
@@ -41,6 +50,15 @@ def learned(data_dir, tmp_path_factory):
 def learned_for_videos(data_dir, tmp_path_factory):
     """Prior of the body that videos are tracked with."""
     return learn(data_dir, VIDEO_BODY, tmp_path_factory.mktemp("learned") / "walk28.nc")
+
+
+@pytest.fixture(scope="module")
+def learned_tables(data_dir, tmp_path_factory):
+    """The same walk as tables."""
+    path = tmp_path_factory.mktemp("learned") / "tables.nc"
+    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), BODY, 20.0)
+    write_factored_motion(learn_factored_motion(recording, BODY), path)
+    return path
 
 
 def scene_of(data_dir, model=BODY, frames="0:36:12"):
@@ -117,6 +135,48 @@ def test_a_walk_is_tracked_by_what_was_learned(data_dir, learned):
     assert np.nanmean(np.linalg.norm(error, axis=-1)) < 60
     with pytest.raises(InputError, match="learned prior"):
         problem_of_result(tree)
+
+
+def test_tables_start_from_the_pose_and_are_of_one_rate(data_dir, learned_tables):
+    """The likeliest first bins hold the first pose's angles, and the root walks by twice the recorded steps."""
+    scene = scene_of(data_dir)._replace(rate=20.0)
+    problem = with_prior(make_problem(scene), scene, learned_tables)
+    assert problem.model.finite_sites == ("phase", "bins") and problem.follows is None
+    start, activity = np.asarray(scene.states[0]), problem.inputs.activity.value
+    rotations = np.delete(np.arange(31), [0, 1, 2, 3])
+    likeliest = np.asarray(bin_angles(np.argmax(activity.first_bins[np.argmax(activity.first_phase)], -1)))
+    apart = np.abs((likeliest - start[rotations] + np.pi) % (2 * np.pi) - np.pi)
+    assert np.median(apart) < np.radians(3.0)
+    scales = np.asarray(problem.inputs.step_scale)[0]
+    assert (scales[:4] > 0).all() and (scales[4:] == 0).all()
+    with pytest.raises(InputError, match="of 20 frames a second, the scene of 30"):
+        with_prior(make_problem(scene), scene._replace(rate=30.0), learned_tables)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("chdir_tmp")
+def test_a_walk_is_tracked_and_smoothed_by_tables(data_dir, learned_tables, tmp_path, capsys):
+    """Nearer than the prior alone; a result needs the file of its prior again, and no other, to be smoothed."""
+    folder = data_dir / "cmu_walks"
+    arguments = ["track", str(folder / "16_16.amc"), "--skeleton", str(folder / "16.asf"), "--frames", "0:72:6", "-q"]
+    few = ["--set", "num_particles=1000"]
+    assert main([*arguments, "--prior", str(learned_tables), *few, "-o", "out.nc"]) == 0
+    tree = load_result("out.nc")
+    assert provenance(tree)["filter"] == "particle" and tree["filter_history/state"].dims[-1] == "filter_state_dim"
+    error = tree["summary/markers_mean"].values - tree["truth/markers"].values
+    assert np.nanmean(np.linalg.norm(error, axis=-1)) < 80
+    for given, words in (
+        ([], "--prior FILE, the prior's file"),
+        (["--prior", "out.nc"], "tracked with another prior"),
+        (["--prior", str(learned_tables), "--errors", "lasting"], "independent errors"),
+    ):
+        assert main(["smooth", "out.nc", "--method", "forward-backward", *given, "-q"]) == 1
+        assert words in " ".join(capsys.readouterr().err.split())
+    assert main(["smooth", "out.nc", "--method", "forward-backward", "--prior", str(learned_tables), "-q"]) == 0
+    smoothed = load_result("out-forward-backward.nc")
+    last = smoothed["summary/markers_mean"].values[-1]
+    np.testing.assert_allclose(last, tree["summary/markers_mean"].values[-1], atol=0.01)  # which no later data change
+    assert np.abs(smoothed["summary/markers_mean"].values - tree["summary/markers_mean"].values).max() > 1.0
 
 
 @pytest.mark.slow
