@@ -14,7 +14,7 @@ from poseppl.cli.settings import ManyFiles, check_algorithm, settings_option
 from poseppl.cli.track_dispatch import dispatched
 from poseppl.cli.track_live import track_live
 from poseppl.cli.track_run import Wanted, goes_straight, track_points, track_source
-from poseppl.errors import FilePath
+from poseppl.errors import InputError
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.recordings.settings import ObservationSettings, RecordingSettings
@@ -337,16 +337,26 @@ def _settings(source: Any, given: Mapping[str, Any], usual: str) -> tuple[TrackS
         export=chosen.pop("export", EXPORT.default), **{name: given[name] for name in Wanted._fields if name in given}
     )
     settings = replace(made(TrackSettings, {**given, **chosen}), options=words)
-    if not goes_straight(source, settings, wanted):
-        settings = replace(settings, filter=settings.filter or (_of_prior(settings.prior) if settings.prior else usual))
+    if settings.prior is not None and settings.filter is None:
+        settings = replace(settings, filter=_filter_of_prior(settings))
+    elif not goes_straight(source, settings, wanted):
+        settings = replace(settings, filter=settings.filter or usual)
         check_algorithm("filter", str(settings.filter), settings.options)
     check_inputs()
     return settings, wanted
 
 
-def _of_prior(path: FilePath) -> str:
-    """The usual filter of a learned motion."""
+def _filter_of_prior(settings: TrackSettings) -> str:
+    """The usual filter of a learned motion, whose file is read after words that none of them takes are refused."""
+    try:
+        check_algorithm("filter", "particle", settings.options)
+    except InputError:
+        check_algorithm("filter", "switching", settings.options)
+    check_inputs()
+
     from poseppl.motion.learned import read_learned_motion
     from poseppl.motion.tracking.learned_prior import filter_of
 
-    return filter_of(read_learned_motion(path))
+    name = filter_of(read_learned_motion(str(settings.prior)))
+    check_algorithm("filter", name, settings.options)
+    return name
