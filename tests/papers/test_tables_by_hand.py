@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from poseppl_papers.choo_fleet.contest import ContestRuns, contest_table
 from poseppl_papers.choo_fleet.frame_tables import frame_errors, frame_tables
-from poseppl_papers.choo_fleet.sequence import LEVELS, SequenceRuns, _inside, performance
+from poseppl_papers.choo_fleet.sequence import LEVELS, SequenceRuns, _inside, free_markers, performance
 from poseppl_papers.choo_fleet.single_frame import FrameRuns, FrameTiming
+from poseppl_papers.choo_fleet.systems import pose_sequence, stage_of
 from poseppl_papers.measured import Interval
 from poseppl_papers.recordings import BUILT_IN
 
@@ -111,6 +112,16 @@ def test_effective_draws_are_counted_per_second_and_per_evaluation():
     assert row["effective_draws_per_evaluation"] == pytest.approx(1 / (0.49 * 50))
     # means of the errors over runs are 0.5 in both coordinates; their variance, 0.5, over two runs is taken off
     assert row["bias"] == 0.0
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("system", "moved"), [("arm", "elbow_r wrist_r"), ("lower_body", "hip_l knee_l ankle_l hip_r knee_r ankle_r")]
+)
+def test_markers_that_are_clamped_do_not_count(system, moved):
+    stage = stage_of(BUILT_IN, system)
+    problem = pose_sequence(stage, slice(1, 3), stage.points[1:3])
+    assert list(np.array(stage.body.tree.marker_names)[free_markers(problem, stage)]) == moved.split()
 
 
 @pytest.mark.full

@@ -161,11 +161,11 @@ def _burn_ins(tables: Tables) -> list[Claim]:
 
 
 def _covered(tables: Tables) -> list[Claim]:
-    """Coverage of 90 % intervals of the state's coordinates, which are free, unlike the markers of a clamped pelvis."""
+    """Coverage of 90 % intervals of the state's coordinates, and of the markers that they move."""
     found = []
     for row in tables["sequence_summary"].records():
         ours = f"{100 * row['state_in_90']:.0f} % of the coordinates, {100 * row['markers_in_90']:.0f} % of the markers' places"
-        why = "85 to 95 % are expected of the coordinates; markers of a clamped pelvis have intervals of no width"
+        why = "85 to 95 % are expected of the coordinates; clamped markers, whose places are known, do not count"
         what = f"Coverage of 90 % intervals, {_NAMES[row['tracker']]}, {row['method']}"
         verdict = on_one_recording(verdict_of(0.85 <= row["state_in_90"] <= 0.95))
         found.append(Claim(what, UNPUBLISHED, ours, verdict, why))
