@@ -112,8 +112,7 @@ def collect_draws(
         else:  # whose quantiles need no draws
             chosen = thinned = systematic(keys[1], log_weights, numbers[1])
         if len(states) < len(chosen):  # each is sorted once, however often it was chosen
-            repeats = jnp.zeros(len(states), jnp.int32).at[chosen].add(1, indices_are_sorted=True)
-            summary = summarise(values, weights, values, exact, partial(repeated_quantiles, counts=repeats, number=len(chosen)))
+            summary = summarise(values, weights, values, exact, _quantiles_of_chosen(chosen, len(states)))
         else:
             summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()}, exact)
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
@@ -122,9 +121,14 @@ def collect_draws(
     def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
         return (of_chains if state.log_weights.ndim == 2 else of_particles)(rng_key, state, inputs)
 
-    gaussian = GaussianCollector(model, max_draws, np.asarray(quantiles, float), of_state)
-    collect.gaussian = gaussian  # type: ignore[attr-defined]
+    collect.gaussian = GaussianCollector(model, max_draws, np.asarray(quantiles, float), of_state)  # type: ignore[attr-defined]
     return collect
+
+
+def _quantiles_of_chosen(chosen: Array, number: int) -> Callable[..., Array]:
+    """Quantiles of the members of a sample of a size that were chosen, of which some were several times."""
+    counts = jnp.zeros(number, jnp.int32).at[chosen].add(1, indices_are_sorted=True)
+    return partial(repeated_quantiles, counts=counts, number=len(chosen))
 
 
 def _check_names(model: CompiledModel) -> None:
