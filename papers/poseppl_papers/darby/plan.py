@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from poseppl_papers.darby.people import Taught, first_of_each, known, track_taught, unknown
+from poseppl_papers.darby.smoothed import smooth_taught
 from poseppl_papers.experiment import Task
 from poseppl_papers.images.scenes import Rendering, Scene, render
 from poseppl_papers.images.systems import LIMBS, Method, System
@@ -122,3 +123,18 @@ def _taught_tasks(
         runs = tuple(range(scale.runs))
         jobs += [Taught(scene, system, scale.walk, method, runs, training=training) for system, method, training in rivals]
     return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "tracking": Task(track_taught, jobs)}
+
+
+def plan_smoothing(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Smoothers on the particles of the guided filter, two cameras: the first walk of each person."""
+    scenes, jobs = [], []
+    many = scale.particles[len(scale.particles) // 2]
+    for tracked in first_of_each(recordings, 1):
+        scene = Scene(tracked, False, scale.walk, scale.rate, *scale.size)
+        own = known(tracked, recordings, scale.known, scale.rate, scale.rounds)
+        others = unknown(tracked, recordings, scale.unknown, scale.rate, scale.rounds)
+        learned = [(UNKNOWN, others)] if own is None else [(KNOWN, own), (UNKNOWN, others)]
+        scenes.append(scene)
+        runs = tuple(range(scale.runs))
+        jobs += [Taught(scene, system, scale.walk, guided(many), runs, training=training) for system, training in learned]
+    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "smoothing": Task(smooth_taught, jobs)}
