@@ -1,4 +1,4 @@
-"""Does smoothing pay with a learned motion? What Peursum, Venkatesh and West (2010, section 8) leave to be tried.
+"""Does smoothing pay with a learned motion? Peursum, Venkatesh and West (2010, section 8) leave that to be tried.
 
 The motion is Darby's four components with their Markov model, the particles those of the guided filter, and the smoothers
 forward-backward and backward simulation. The error is that of the mean posture over all fifteen virtual markers, mm.
