@@ -26,6 +26,8 @@ OF_TRACK = ("filter", "walk", "prior", "max_draws", "seed")
 """Settings of a track that are options; others are given by `--set`."""
 _ABSENT = {"keypoints": (), "live": ("markers", "other_motion"), "videos": ("markers", "export")}
 """Keys of `--set` that a source does not have."""
+SMOOTH_PRIORS = ("backward-simulation", "forward-backward")
+"""Smoothers of the particles of a learned motion."""
 EXPORT = Setting("export", bool, False, True, "Whether joints and angles are written for OpenSim, too.")
 STATUS = """
 \b
@@ -313,6 +315,9 @@ def videos(**given: Any) -> None:
 
 def _track(source: Any, given: Mapping[str, Any]) -> None:
     """Track a source by the options of its command."""
+    if given["prior"] and given["smooth"] not in (None, "none", *SMOOTH_PRIORS):
+        fit = " or ".join(SMOOTH_PRIORS)
+        raise click.UsageError(f"--smooth {given['smooth']} does not go with --prior, whose states are finite: {fit} does")
     if given["resume"] and given["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if given["smooth"] not in (None, "none"):

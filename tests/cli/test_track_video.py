@@ -111,7 +111,7 @@ def test_a_smoother_that_fails_costs_no_result(room, tmp_path, capsys):
     "change, words",
     [
         (["--smooth", "nuts"], "nuts.*trajectory"),
-        (["--smooth", "laplace", "--prior", "walk.nc"], "--smooth does not go with --prior"),
+        (["--smooth", "laplace", "--prior", "walk.nc"], "--smooth laplace does not go with --prior.*forward-backward does"),
     ],
 )
 def test_smoothing_that_cannot_be_is_reported_before(room, capsys, change, words):
