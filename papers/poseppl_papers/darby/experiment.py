@@ -75,7 +75,9 @@ EXPERIMENT = Experiment(
             partial(drawn_scenes, "guided_one_camera"),
             all_recordings=True,
         ),
-        "smoothing": Part("smoothers on the guided filter's particles", plan_smoothing, smoothing_table, all_recordings=True),
+        "smoothing": Part(
+            "smoothers on the guided filter's particles, of known people", plan_smoothing, smoothing_table, all_recordings=True
+        ),
     },
     claims=claims,
     sections={"The guided filter": guided_errors, "The annealed filter": trackers, "Does smoothing pay?": smoothing_pays},

@@ -126,15 +126,13 @@ def _taught_tasks(
 
 
 def plan_smoothing(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """Smoothers on the particles of the guided filter, two cameras: the first walk of each person."""
+    """Smoothers on the particles of the guided filter, two cameras: the first walk of each person who has others to learn from."""
     scenes, jobs = [], []
     many = scale.particles[len(scale.particles) // 2]
     for tracked in first_of_each(recordings, 1):
-        scene = Scene(tracked, False, scale.walk, scale.rate, *scale.size)
-        own = known(tracked, recordings, scale.known, scale.rate, scale.rounds)
-        others = unknown(tracked, recordings, scale.unknown, scale.rate, scale.rounds)
-        learned = [(UNKNOWN, others)] if own is None else [(KNOWN, own), (UNKNOWN, others)]
-        scenes.append(scene)
-        runs = tuple(range(scale.runs))
-        jobs += [Taught(scene, system, scale.walk, guided(many), runs, training=training) for system, training in learned]
-    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "smoothing": Task(smooth_taught, jobs)}
+        training = known(tracked, recordings, scale.known, scale.rate, scale.rounds)
+        if training is not None:
+            scene = Scene(tracked, False, scale.walk, scale.rate, *scale.size)
+            scenes.append(Rendering(scene))
+            jobs.append(Taught(scene, KNOWN, scale.walk, guided(many), tuple(range(scale.runs)), training=training))
+    return {"scenes": Task(render, scenes), "smoothing": Task(smooth_taught, jobs)}
