@@ -126,7 +126,7 @@ def _taught_tasks(
 
 
 def plan_smoothing(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """Smoothers on the particles of the guided filter, two cameras: the first walk of each person who has others to learn from."""
+    """Smoothers on the guided filter's particles, two cameras: the first walk of each person who has others to learn from."""
     scenes, jobs = [], []
     many = scale.particles[len(scale.particles) // 2]
     for tracked in first_of_each(recordings, 1):
