@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
@@ -24,7 +23,6 @@ from poseppl.motion.tracking.problem import Problem
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.results import QUANTILES
-from poseppl.runs.run import frame_inputs
 from poseppl_papers.choo_fleet.systems import Stage, TrackerJob, noisy_points, pose_sequence, stage_of
 from poseppl_papers.experiment import Results
 from poseppl_papers.measured import mean_and_error
@@ -49,7 +47,7 @@ class SequenceRuns(TrackerJob):
         runs: Numbers of the runs; each has noise of its own, which all filters share.
     """
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 2
     method: str
     filter: str
     settings: Settings
@@ -77,9 +75,9 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
     Returns:
         For each run and frame (run, frame): ``log_likelihood`` of the mean state, ``log_prior`` of the true state given the
         past (NaN at the first frame), ``error`` and ``error_relative`` of the markers' means (mm), ``num_likelihood`` and
-        ``num_gradient``. The shares of coordinates inside of their central intervals are ``inside_state`` and, of the markers
-        that free coordinates move, ``inside_markers`` (run, level, frame). Means are ``mean`` (run, frame, d) and ``markers``
-        (run, frame, marker, 3). ``seconds`` (run,) is the time of the whole sequence without compilation.
+        ``num_gradient``. The shares of coordinates inside of their central intervals are ``inside_state`` and
+        ``inside_markers`` (run, level, frame). Means are ``mean`` (run, frame, d) and ``markers`` (run, frame, marker, 3).
+        ``seconds`` (run,) is the time of the whole sequence without compilation.
     """
     function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
 
@@ -97,15 +95,8 @@ def score_runs(job: SequenceRuns, find: Callable[[Array, Problem, Floats], tuple
         stage = stage_of(job.recording, job.system, run)
         problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
         found, seconds = find(jax.random.fold_in(jax.random.key(_SEED), run), problem, true_states(stage, frames))
-        rows.append({"seconds": seconds} | _score(found, stage, frames, free_markers(problem, stage)))
+        rows.append({"seconds": seconds} | _score(found, stage, frames))
     return stacked(rows)
-
-
-def free_markers(problem: Problem, stage: Stage) -> NDArray[np.bool_]:
-    """Which markers (K,) the free coordinates move; the places of the others are known."""
-    inputs, first = frame_inputs(problem.inputs, 0), jnp.asarray(true_states(stage, slice(1, 2))[0], float)
-    slopes = jax.jacobian(lambda x: problem.model.extras(x, inputs)["markers"])(first)
-    return np.asarray(np.abs(slopes).sum((1, 2)) > 0)
 
 
 def true_states(stage: Stage, frames: slice) -> Floats:
@@ -113,7 +104,7 @@ def true_states(stage: Stage, frames: slice) -> Floats:
     return stage.states[frames][:, list(stage.body.free_coordinates)]
 
 
-def _score(found: Mapping[str, Any], stage: Stage, frames: slice, free: NDArray[np.bool_]) -> dict[str, Any]:
+def _score(found: Mapping[str, Any], stage: Stage, frames: slice) -> dict[str, Any]:
     markers = stage.markers[frames]
     root = stage.body.tree.marker_names.index(stage.body.root)
     distance = joint_error(found["markers_mean"], markers, root)
@@ -124,7 +115,7 @@ def _score(found: Mapping[str, Any], stage: Stage, frames: slice, free: NDArray[
         "error": np.mean(distance.absolute, -1),
         "error_relative": np.mean(distance.relative, -1),
         "inside_state": _inside(found["state_quantile"], true_states(stage, frames)),
-        "inside_markers": _inside(np.asarray(found["markers_quantile"])[..., free, :], markers[:, free]),
+        "inside_markers": _inside(found["markers_quantile"], markers),
     }
 
 
@@ -234,8 +225,7 @@ def performance(name: str, jobs: Sequence[SequenceRuns], results: Results) -> Ta
     )
     about = (
         "Mean distance of the markers from the truth (mm) and relative to the pelvis, share of true coordinates inside central "
-        "intervals (of markers only of those that are not clamped), root mean square distance (mm) of a run's means from those "
-        "of all runs, and cost."
+        "intervals, root mean square distance (mm) of a run's means from those of all runs, and cost."
     )
     return Table(name, columns, rows, about)
 
