@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from statistics import fmean
 
 import pytest
@@ -85,7 +86,7 @@ def test_gait_events_against_force_plates() -> None:
         return f"{late:.0f} to {others[0]:.0f} ms"
 
     text, guide = prose_of("validation/keypoints.md"), prose_of("gait.md")
-    page = " ".join((DOCS.parent / "poseppl/motion/report/templates/gait.html").read_text().split())
+    page = " ".join((files("poseppl") / "motion/report/templates/gait.html").read_text().split())
     assert f"come {early(gait.STRIKES)} before a force plate's (2 people, 5 strikes)" in text
     assert f"feels a heel {early(gait.STRIKES)} later** (2 people, 5 strikes)" in guide
     assert f"feels a heel strike {early(gait.STRIKES)} later (two people, 5 strikes)" in page
