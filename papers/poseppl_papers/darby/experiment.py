@@ -11,10 +11,8 @@ from poseppl_papers.darby.plan import (
     plan_guided,
     plan_guided_alone,
     plan_one_camera,
-    plan_smoothing,
     plan_trackers,
 )
-from poseppl_papers.darby.smoothed import smoothing_pays, smoothing_table
 from poseppl_papers.experiment import Experiment, Part
 from poseppl_papers.images.tables import ERRORS_ARE, drawn_errors, drawn_scenes, tracked
 
@@ -75,12 +73,9 @@ EXPERIMENT = Experiment(
             partial(drawn_scenes, "guided_one_camera"),
             all_recordings=True,
         ),
-        "smoothing": Part(
-            "smoothers on the guided filter's particles, of known people", plan_smoothing, smoothing_table, all_recordings=True
-        ),
     },
     claims=claims,
-    sections={"The guided filter": guided_errors, "The annealed filter": trackers, "Does smoothing pay?": smoothing_pays},
+    sections={"The guided filter": guided_errors, "The annealed filter": trackers},
     pictures={
         "guided.png": "Errors of the guided filter with two cameras",
         "guided_one_camera.png": "Errors of the guided filter with one camera",

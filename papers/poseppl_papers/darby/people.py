@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 from poseppl.errors import InputError
 from poseppl.files.cache_folder import cache_folder
 from poseppl.files.store import key_of
-from poseppl.filters import Filter
 from poseppl.motion.learned import (
     PosedRecording,
     TrainingSettings,
@@ -21,7 +20,7 @@ from poseppl.motion.learned import (
     train_motion_model,
     write_motion_model,
 )
-from poseppl_papers.images.systems import Problem, problem_of
+from poseppl_papers.images.systems import problem_of
 from poseppl_papers.images.tracking import Tracking, compiled_step, first_state, run_once
 from poseppl_papers.recordings import Recording
 from poseppl_papers.runs import stacked
@@ -128,21 +127,15 @@ class Taught(Tracking):
 
 def track_taught(job: Taught) -> dict[str, Any]:
     """Run the filter; what is returned is as that of :func:`poseppl_papers.images.tracking.track`."""
-    rows = []
-    for run, taught, filter, step in taught_runs(job):
-        rows.append(run_once(taught, step, first_state(taught, filter, run), run, job.weighs))
-    return stacked(rows)
-
-
-def taught_runs(job: Taught) -> Iterator[tuple[int, Problem, Filter, Callable[..., Any]]]:
-    """Each run of a job, with what it has learned, the filter and its step."""
     assert job.training is not None
     files = [trained_file(job.training, run) for run in job.runs]
     system = job.system.with_settings(model=files[0], subject=job.training.subject or None)
     problem = problem_of(job.scene, system, job.num_frames)
     filter, step = compiled_step(job.scene, system, job.num_frames, job.method)
-    learned = problem.system.learned
+    learned, rows = problem.system.learned, []
     assert learned is not None and learned.taught is not None
     for run, file in zip(job.runs, files, strict=True):
         model = read_motion_model(file)
-        yield run, problem._replace(frames=[learned.taught(inputs, model) for inputs in problem.frames]), filter, step
+        taught = problem._replace(frames=[learned.taught(inputs, model) for inputs in problem.frames])
+        rows.append(run_once(taught, step, first_state(taught, filter, run), run, job.weighs))
+    return stacked(rows)

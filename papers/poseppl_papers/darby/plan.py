@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from poseppl_papers.darby.people import Taught, first_of_each, known, track_taught, unknown
-from poseppl_papers.darby.smoothed import smooth_taught
 from poseppl_papers.experiment import Task
 from poseppl_papers.images.scenes import Rendering, Scene, render
 from poseppl_papers.images.systems import LIMBS, Method, System
@@ -123,16 +122,3 @@ def _taught_tasks(
         runs = tuple(range(scale.runs))
         jobs += [Taught(scene, system, scale.walk, method, runs, training=training) for system, method, training in rivals]
     return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "tracking": Task(track_taught, jobs)}
-
-
-def plan_smoothing(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """Smoothers on the guided filter's particles, two cameras: the first walk of each person who has others to learn from."""
-    scenes, jobs = [], []
-    many = scale.particles[len(scale.particles) // 2]
-    for tracked in first_of_each(recordings, 1):
-        training = known(tracked, recordings, scale.known, scale.rate, scale.rounds)
-        if training is not None:
-            scene = Scene(tracked, False, scale.walk, scale.rate, *scale.size)
-            scenes.append(Rendering(scene))
-            jobs.append(Taught(scene, KNOWN, scale.walk, guided(many), tuple(range(scale.runs)), training=training))
-    return {"scenes": Task(render, scenes), "smoothing": Task(smooth_taught, jobs)}
