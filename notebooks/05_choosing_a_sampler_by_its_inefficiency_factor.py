@@ -50,8 +50,9 @@ tables = tuning_tables(jobs, results)
 # %%
 mixing = tables[0]
 print(f"{'L':>3} {'step size':>10} {'rejected':>9} {'tau':>7} {'gradients a draw':>17}")
-for leapfrog, step_size, rejected, _, tau, gradients in mixing.rows:
-    print(f"{leapfrog:>3} {step_size:>10} {rejected:>9.0%} {tau:>7.1f} {gradients:>17.0f}")
+for row in mixing.records():
+    shown = f"{row['leapfrog']:>3} {row['step_size']:>10} {row['rejection']:>9.0%}"
+    print(f"{shown} {row['tau']:>7.1f} {row['gradients_per_draw']:>17.0f}")
 
 # %% [markdown]
 # ## The pictures
@@ -82,7 +83,10 @@ print(", ".join(f"{name} {value}" for name, value in chosen.items()))
 # is known, and compare whole runs with `poseppl compare`.
 
 # %%
-cost = {leapfrog: np.nanmin([row[5] for row in mixing.rows if row[0] == leapfrog and row[2] <= 0.3]) for leapfrog in (1, 5, 20)}
+moving = [row for row in mixing.records() if row["rejection"] <= 0.3]
+cost = {
+    leapfrog: np.nanmin([row["gradients_per_draw"] for row in moving if row["leapfrog"] == leapfrog]) for leapfrog in (1, 5, 20)
+}
 assert chosen["leapfrog"] > 1 and cost[1] > 2 * cost[chosen["leapfrog"]]
 rejections = mixing.column("rejection", leapfrog=20)
 assert rejections[0] < 0.05 < rejections[-1]
