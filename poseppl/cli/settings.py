@@ -10,6 +10,9 @@ from typing import Any
 
 import click
 
+from poseppl.cli.checks import check_inputs
+from poseppl.errors import InputError
+
 
 def _assignments(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> dict[str, str]:
     pairs = [word.partition("=") for word in words]
@@ -95,6 +98,26 @@ def check_algorithm(kind: str, name: str, settings: Mapping[str, str] | None = N
         SettingError: A setting cannot be used.
     """
     _algorithms(kind).described(name).complete(settings or {})
+
+
+def filter_of_prior(path: str, settings: Mapping[str, str]) -> str:
+    """The usual filter of a learned motion, whose file is read after words that none of them takes are refused.
+
+    Raises:
+        InputError: The file cannot be read, or a setting cannot be used.
+    """
+    try:
+        check_algorithm("filter", "particle", settings)
+    except InputError:
+        check_algorithm("filter", "switching", settings)
+    check_inputs()
+
+    from poseppl.motion.learned import read_learned_motion
+    from poseppl.motion.tracking.learned_prior import filter_of
+
+    name = filter_of(read_learned_motion(path))
+    check_algorithm("filter", name, settings)
+    return name
 
 
 def listing(kind: str, option: str, example: str) -> click.Command:

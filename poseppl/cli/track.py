@@ -10,11 +10,10 @@ import click
 
 from poseppl.cli.checks import InputFile, check_inputs, check_recording, file_of_pair, words_of_files
 from poseppl.cli.options import BY_SET, Grouped, common_options, made, option_group, options_of, text_of
-from poseppl.cli.settings import ManyFiles, check_algorithm, settings_option
+from poseppl.cli.settings import ManyFiles, check_algorithm, filter_of_prior, settings_option
 from poseppl.cli.track_dispatch import dispatched
 from poseppl.cli.track_live import track_live
 from poseppl.cli.track_run import Wanted, goes_straight, track_points, track_source
-from poseppl.errors import InputError
 from poseppl.motion.keypoints.settings import KeypointSettings, LiveSettings
 from poseppl.motion.points.settings import PointSettings
 from poseppl.motion.recordings.settings import ObservationSettings, RecordingSettings
@@ -343,25 +342,9 @@ def _settings(source: Any, given: Mapping[str, Any], usual: str) -> tuple[TrackS
     )
     settings = replace(made(TrackSettings, {**given, **chosen}), options=words)
     if settings.prior is not None and settings.filter is None:
-        settings = replace(settings, filter=_filter_of_prior(settings))
+        settings = replace(settings, filter=filter_of_prior(str(settings.prior), settings.options))
     elif not goes_straight(source, settings, wanted):
         settings = replace(settings, filter=settings.filter or usual)
         check_algorithm("filter", str(settings.filter), settings.options)
     check_inputs()
     return settings, wanted
-
-
-def _filter_of_prior(settings: TrackSettings) -> str:
-    """The usual filter of a learned motion, whose file is read after words that none of them takes are refused."""
-    try:
-        check_algorithm("filter", "particle", settings.options)
-    except InputError:
-        check_algorithm("filter", "switching", settings.options)
-    check_inputs()
-
-    from poseppl.motion.learned import read_learned_motion
-    from poseppl.motion.tracking.learned_prior import filter_of
-
-    name = filter_of(read_learned_motion(str(settings.prior)))
-    check_algorithm("filter", name, settings.options)
-    return name

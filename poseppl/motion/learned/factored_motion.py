@@ -70,13 +70,13 @@ def learn_factored_motion(recording: PosedRecording, body: str, *, num_phases: i
     left = own_steps(roots) - np.asarray(tables.velocities, np.float64)[phases[1:]] / recording.rate
     level, up, turn = np.mean(left[:, :2] ** 2), np.mean(left[:, 2] ** 2), np.mean(np.diff(roots[:, 3]) ** 2)
     step_scale = np.sqrt(np.maximum([level, level, up, turn], 1e-12))
-    told = {
+    record = {
         "file": recording.source,
         "frames": len(recording.states),
         "phases": num_phases,
         "residual mm": round(recording.residual, 3),
     }
-    return FactoredMotion(body, recording.rate, recording.coordinates, tables, step_scale, told)
+    return FactoredMotion(body, recording.rate, recording.coordinates, tables, step_scale, record)
 
 
 def write_factored_motion(motion: FactoredMotion, path: FilePath) -> None:
