@@ -130,7 +130,7 @@ class NextBins(dist.CategoricalProbs):  # type: ignore[misc]
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw bins (..., D): the first whose cumulative probability is above a uniform number, by bisection."""
         count = self._motion.entries.shape[-1]
-        until = jnp.triu(jnp.ones((count, count)))  # a product, for XLA's cumulative sum takes ten times as long
+        until = jnp.triu(jnp.ones((count, count)))  # so that cumulative sums are products
         entries, steps = self._motion.entries @ until, self._motion.steps @ until
         total = self._of(entries, steps, jnp.full(self.batch_shape, count - 1))
         wanted = jax.random.uniform(key, (*sample_shape, *self.batch_shape), total.dtype) * total
